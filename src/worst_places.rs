@@ -37,6 +37,8 @@ pub enum PlaceKind {
     SelfIntersecting,
     /// The symmetric Dirichlet energy of triangles is among the largest percent; the value is the largest.
     Distortion,
+    /// Lengths change by more than a factor; the value is the largest.
+    Stretched,
     /// Cells of a mesh are inverted; the value is the least scaled Jacobian.
     Inverted,
     /// The boundary error is among the largest percent; the value is the largest, as a fraction of the target's diagonal.
@@ -101,6 +103,7 @@ impl PlaceKind {
             Self::Degenerate => "degenerate",
             Self::SelfIntersecting => "self-intersecting",
             Self::Distortion => "large distortion",
+            Self::Stretched => "stretched",
             Self::Inverted => "inverted",
             Self::BoundaryError => "large boundary error",
             Self::LocalError => "beyond the next vertex",
@@ -113,6 +116,7 @@ impl PlaceKind {
             Self::Folded => "det J",
             Self::EnergyDensity => "‖J‖²",
             Self::Distortion => "symmetric Dirichlet",
+            Self::Stretched => "ratio of lengths",
             Self::Inverted => "scaled Jacobian",
             Self::BoundaryError => "of the diagonal",
             Self::LocalError => "of the image's spacing",

@@ -6,7 +6,9 @@ use crate::common::models;
 use nalgebra::Rotation3;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairReport, map_pair};
+use solidmap::boundary_map::pair::{
+    Landmarks, PairError, PairMethod, PairOptions, PairReport, PairStartKind, map_pair,
+};
 use solidmap::files;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
@@ -292,10 +294,11 @@ fn aligned_solids_are_mapped_as_they_lie() {
     };
     let (middle, report) = middle_of_end(false);
     assert!(middle.y.abs() > 0.8 && middle.x.abs() < 0.1, "{middle}");
-    assert!(report.alignments.len() > 1);
+    assert!(report.starts.len() > 1);
     let (middle, report) = middle_of_end(true);
     assert!(middle.x > 0.3 && middle.y.abs() < 0.2, "{middle}");
-    assert_eq!((report.alignments.len(), report.alignment), (1, 0));
+    assert_eq!((report.starts.len(), report.start), (1, 0));
+    assert_eq!(report.starts[0].kind, PairStartKind::Aligned);
     // A copy goes to itself.
     let options = PairOptions {
         aligned: true,

@@ -120,6 +120,7 @@ pub fn boundary_pair(
             landmarks,
             aligned: options.aligned,
             improve: options.improve,
+            ..PairOptions::default()
         };
         let progress = |phase| on_pair_phase(watcher, phase);
         let (boundary, found) = map_pair(&domain.0, &target.0, &options, &progress)?;
@@ -142,6 +143,7 @@ pub fn on_pair_phase(watcher: &Watcher, phase: PairPhase) -> ControlFlow<()> {
         PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
         PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
         PairPhase::Aligning { done, of } => ("aligning", share(done, of)),
+        PairPhase::Intrinsic { done, of } => ("finding correspondences by intrinsic shape", share(done, of)),
         PairPhase::CoarseEmbeddings { done, of, .. } => ("trying coarse embeddings", share(done, of)),
         PairPhase::Refining { vertices, total, .. } => ("refining the embedding", share(vertices, total)),
         PairPhase::Improving { rounds, most_rounds } => ("lowering the distortion", share(rounds, most_rounds)),

@@ -1,10 +1,11 @@
-//! solidmap's own files: maps, boundary maps, solid textures and landmarks.
+//! solidmap's own files: maps, boundary maps, solid textures, landmarks and landmark curves.
 //!
 //! Maps, boundary maps and textures are safetensors containers: named tensors, with a JSON object in the metadata.
 //! Landmarks are text.
 
 mod boundary;
 mod boundary_tensors;
+mod landmark_curves;
 mod landmarks;
 mod map;
 mod provenance;
@@ -12,6 +13,7 @@ mod tensor_file;
 mod texture;
 
 pub use boundary::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
+pub use landmark_curves::read_landmark_curves;
 pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
 pub use map::{MapFile, MapMetadata, read_map, write_map};
 pub use provenance::Provenance;

@@ -92,10 +92,30 @@ impl Objective for DistortionEnergy<'_> {
     }
 
     fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
+        self.elements_of(x, frames, |triangle, weights, frames| triangle.element(weights, frames))
+    }
+}
+
+impl DistortionEnergy<'_> {
+    /// As [`Objective::elements`], with the terms alone that make the Hessians semidefinite without a projection: those of
+    /// the flat triangle, without the second derivatives of `d` and the curvature of the sphere. For an energy that is a
+    /// small part of another.
+    pub(crate) fn convex_elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
+        self.elements_of(x, frames, |triangle, weights, frames| {
+            triangle.convex_element(weights, frames)
+        })
+    }
+
+    fn elements_of(
+        &self,
+        x: &[Vector],
+        frames: &[[Vector; 2]],
+        element: impl Fn(&SphericalTriangle, EnergyWeights, &[[Vector; 2]; 3]) -> ElementDerivatives + Sync,
+    ) -> Vec<ElementDerivatives> {
         let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
             let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
             SphericalTriangle::new(shape, corners).map_or(ElementDerivatives::NOT_FINITE, |triangle| {
-                triangle.element(self.weights, &frames)
+                element(&triangle, self.weights, &frames)
             })
         };
         let triangles = self.rest.triangles().par_iter().zip(self.rest.shapes());
@@ -188,20 +208,44 @@ impl<'a> SphericalTriangle<'a> {
         [[-first[0] - last[0], -first[1] - last[1]], first, last]
     }
 
+    /// Half the gradient of `q`, and the gradient of `d`: b × c and its cyclic permutations, by differences because the
+    /// products of the corners nearly cancel.
+    fn gradients(&self) -> [[Vector; 3]; 2] {
+        let share = self.shares();
+        let [a, b, c] = self.corners;
+        let dq = std::array::from_fn(|k| self.z[0] * share[k][0] + self.z[1] * share[k][1]);
+        let dd = [a.cross(&(c - b)), b.cross(&(a - c)), c.cross(&(b - a))];
+        [dq, dd.map(|v| (v + self.normal) * determinant(self.shape))]
+    }
+
+    fn convex_element(&self, weights: EnergyWeights, frames: &[[Vector; 2]; 3]) -> ElementDerivatives {
+        let (q, d, area) = (self.q, self.d, self.shape.area);
+        let by_z = weights.angle / d;
+        let by_d = 0.5 * (weights.area * (1.0 - 1.0 / (d * d)) - by_z * q / d);
+        let by_d_twice = (by_z * q + weights.area / d) / (d * d);
+        let share = self.shares();
+        let [gq, gd] = self.gradients().map(|g| in_frames(&g, frames));
+        let hessian = SMatrix::from_fn(|i, j| {
+            let (m, n) = (i / 2, j / 2);
+            let metric = share[m][0] * share[n][0] + share[m][1] * share[n][1];
+            let cross = gq[i] * gd[j] + gd[i] * gq[j];
+            let metric = metric * frames[m][i % 2].dot(&frames[n][j % 2]);
+            area * (by_z * (metric - cross / d) + by_d_twice * gd[i] * gd[j])
+        });
+        ElementDerivatives {
+            gradient: std::array::from_fn(|i| area * (by_z * gq[i] + by_d * gd[i])),
+            hessian,
+        }
+    }
+
     fn element(&self, weights: EnergyWeights, frames: &[[Vector; 2]; 3]) -> ElementDerivatives {
         let (q, d, area) = (self.q, self.d, self.shape.area);
         let by_z = weights.angle / d;
         let by_d = 0.5 * (weights.area * (1.0 - 1.0 / (d * d)) - by_z * q / d);
         let by_d_twice = (by_z * q + weights.area / d) / (d * d);
         let share = self.shares();
-        let [a, b, c] = self.corners;
-        // Half the gradient of q, and the gradient of d: b × c and its cyclic permutations, by differences because the
-        // products of the corners nearly cancel.
-        let dq: [Vector; 3] = std::array::from_fn(|k| self.z[0] * share[k][0] + self.z[1] * share[k][1]);
-        let dd = [a.cross(&(c - b)), b.cross(&(a - c)), c.cross(&(b - a))];
-        let dd = dd.map(|v| (v + self.normal) * determinant(self.shape));
-        let tangent = |g: &[Vector; 3]| -> [f64; 6] { std::array::from_fn(|i| g[i / 2].dot(&frames[i / 2][i % 2])) };
-        let (gq, gd) = (tangent(&dq), tangent(&dd));
+        let [dq, dd] = self.gradients();
+        let (gq, gd) = (in_frames(&dq, frames), in_frames(&dd, frames));
 
         let mut hessian = SMatrix::<f64, 6, 6>::zeros();
         for i in 0..6 {
@@ -230,6 +274,11 @@ impl<'a> SphericalTriangle<'a> {
             hessian: semidefinite(hessian),
         }
     }
+}
+
+/// Tangent coordinates of a vector at each corner.
+fn in_frames(vectors: &[Vector; 3], frames: &[[Vector; 2]; 3]) -> [f64; 6] {
+    std::array::from_fn(|i| vectors[i / 2].dot(&frames[i / 2][i % 2]))
 }
 
 /// Determinant of `D`.
@@ -332,6 +381,27 @@ mod tests {
                     "{found} {difference}"
                 );
                 assert!(found.symmetric_eigenvalues().min() > -1e-12 * found.norm());
+            }
+        }
+    }
+
+    #[test]
+    fn convex_hessians_are_semidefinite_and_have_the_same_gradient() {
+        let mesh = shapes::deformed(&shapes::bumpy_sphere(3), |p| {
+            Point::new(4.0 * p.x + p.y, p.y, 0.2 * p.z)
+        });
+        let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
+        let x = directions(&shapes::bumpy_sphere(3));
+        let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
+        for [angle, area] in WEIGHTS {
+            let energy = DistortionEnergy {
+                rest: &rest,
+                weights: EnergyWeights { angle, area },
+            };
+            let convex = energy.convex_elements(&x, &frames);
+            for (convex, exact) in convex.iter().zip(energy.elements(&x, &frames)) {
+                assert_eq!(convex.gradient, exact.gradient);
+                assert!(convex.hessian.symmetric_eigenvalues().min() > -1e-12 * convex.hessian.norm());
             }
         }
     }

@@ -20,9 +20,7 @@ mod spherical_embedding;
 
 #[cfg(test)]
 pub(crate) use distortion_energy::tangents;
-pub(crate) use distortion_energy::{
-    DistortionEnergy, ElementDerivatives, ElementHessian, EnergyWeights, Objective, semidefinite,
-};
+pub(crate) use distortion_energy::{DistortionEnergy, ElementDerivatives, EnergyWeights, Objective};
 pub use embedding_check::{EmbeddingCheck, check_embedding};
 pub(crate) use hierarchy::Hierarchy;
 pub use locate::Locator;

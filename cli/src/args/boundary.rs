@@ -1,11 +1,13 @@
 //! Arguments of the commands for boundary maps.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
+use solidmap::boundary_map::pair::PairOptions;
 
 use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
+use super::values::{positive, share};
 
 #[derive(Debug, Subcommand)]
 pub enum BoundaryCommand {
@@ -70,10 +72,12 @@ pub struct BoundaryPairArgs {
     pub target: PathBuf,
     #[command(flatten)]
     pub pair: PairArgs,
+    /// Also write up to this many other maps, where the search found any: IMAGE and --boundary with `.2`, `.3` and so on
+    /// before the extension
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub alternatives: usize,
     #[command(flatten)]
     pub outputs: BoundaryOutputs,
-    #[command(flatten)]
-    pub target_up: TargetUpArgs,
 }
 
 /// How the boundary map of a pair is made.
@@ -83,6 +87,33 @@ pub struct PairArgs {
     /// of one column for DOMAIN, and one for the target
     #[arg(long, value_name = "FILE")]
     pub landmarks: Vec<PathBuf>,
+    /// Landmarks need not be met exactly: one that is off by a tenth of the root of the target's area costs as much as a mean
+    /// distortion that is higher by WEIGHT percent
+    #[arg(long, value_name = "WEIGHT", requires = "landmarks", value_parser = positive)]
+    pub landmarks_weight: Option<f64>,
+    /// Paths along edges that are to go to paths on the target, one in each line: vertices of DOMAIN, `>`, vertices of the
+    /// target, counted from 0. Their ends may be landmarks, too
+    #[arg(long, value_name = "FILE")]
+    pub landmark_curves: Option<PathBuf>,
+    /// Boundary file of the same DOMAIN to start from: it is improved, and nothing else is sought
+    #[arg(long, value_name = "FILE", conflicts_with = "aligned")]
+    pub start: Option<PathBuf>,
+    /// Axis of DOMAIN that goes roughly (within 60°) where --target-up says
+    #[arg(
+        long,
+        value_enum,
+        allow_hyphen_values = true,
+        value_name = "UP",
+        requires = "target_up"
+    )]
+    pub domain_up: Option<UpKind>,
+    /// Axis of the target that --domain-up corresponds to; it also points up in pictures of the target [default: that of --up]
+    #[arg(long, value_enum, allow_hyphen_values = true, value_name = "UP")]
+    pub target_up: Option<UpKind>,
+    /// Share of the area of DOMAIN that may be stretched or compressed over 10 times; above it, the map is written with
+    /// exit code 1, since a limb is probably in the wrong place
+    #[arg(long, value_name = "SHARE", value_parser = share, default_value_t = PairOptions::default().most_stretched)]
+    pub max_stretched: f64,
     /// How the surfaces are matched
     #[arg(long, value_enum, default_value_t = ViaKind::Targets)]
     pub via: ViaKind,
@@ -98,7 +129,39 @@ pub struct PairArgs {
 impl PairArgs {
     /// Whether no option was given.
     pub fn is_default(&self) -> bool {
-        self.landmarks.is_empty() && self.via == ViaKind::Targets && !self.aligned && !self.no_improve
+        let Self {
+            landmarks,
+            landmarks_weight,
+            landmark_curves,
+            start,
+            domain_up,
+            target_up,
+            max_stretched,
+            via,
+            aligned,
+            no_improve,
+        } = self;
+        landmarks.is_empty()
+            && landmarks_weight.is_none()
+            && landmark_curves.is_none()
+            && start.is_none()
+            && domain_up.is_none()
+            && target_up.is_none()
+            && *max_stretched == PairOptions::default().most_stretched
+            && *via == ViaKind::Targets
+            && !aligned
+            && !no_improve
+    }
+
+    /// The files it names, by their roles.
+    pub fn files_by_role(&self) -> Vec<(&'static str, &Path)> {
+        let landmarks = self.landmarks.iter().map(|file| ("landmarks", file.as_path()));
+        let curves = self
+            .landmark_curves
+            .iter()
+            .map(|file| ("landmark_curves", file.as_path()));
+        let start = self.start.iter().map(|file| ("start", file.as_path()));
+        landmarks.chain(curves).chain(start).collect()
     }
 }
 

@@ -33,6 +33,22 @@ pub fn effort(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A positive, finite number.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number > 0.0 && f64::is_finite(number) => Ok(number),
+        _ => Err(format!("`{text}` is not a positive number")),
+    }
+}
+
+/// A share from 0 to 1.
+pub fn share(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if (0.0..=1.0).contains(&number) => Ok(number),
+        _ => Err(format!("`{text}` is not a share from 0 to 1")),
+    }
+}
+
 /// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let wanted = || format!("`{text}` is not a size; write it as 4GiB, 500MB or a number of bytes");

@@ -6,6 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::bijective::{Bijective, RefinementOptions};
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::boundary_map::pair::PairMaps;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, FitReport, LocalError, Placement, RefinementEnd};
 use solidmap::io::{self, Cells, VtkFields};
@@ -68,7 +69,7 @@ impl<'a> BoundaryInput<'a> {
         let to_model = target.is_some_and(|target| target != Path::new(SPHERE));
         anyhow::ensure!(
             to_model || args.pair.is_default(),
-            "--landmarks, --via, --aligned and --no-improve say how a solid is mapped to another: they need --target MODEL"
+            "--landmarks, --start, --via, --aligned and the like say how a solid is mapped to another: they need --target MODEL"
         );
         if let Some(target) = target.filter(|target| to_model && !target.exists()) {
             anyhow::bail!(
@@ -91,19 +92,19 @@ impl<'a> BoundaryInput<'a> {
             Self::Files(source) => source.files_by_role(),
             Self::ToSphere { domain } => vec![("domain", domain)],
             Self::ToModel { domain, target, pair } => {
-                let landmarks = pair.landmarks.iter().map(|file| ("landmarks", file.as_path()));
+                let pair = pair.files_by_role();
                 [("domain", *domain), ("target", *target)]
                     .into_iter()
-                    .chain(landmarks)
+                    .chain(pair)
                     .collect()
             }
         }
     }
 
-    /// Reads the boundary map, or makes it.
-    fn boundary_map(&self, output: &Output) -> anyhow::Result<BoundaryMap> {
+    /// Reads the boundary map, or makes it; and whether it looks right, as far as that is known.
+    fn boundary_map(&self, output: &Output) -> anyhow::Result<(BoundaryMap, bool)> {
         match self {
-            Self::Files(source) => source.read(),
+            Self::Files(source) => Ok((source.read()?, true)),
             Self::ToSphere { domain } => {
                 let surface = input::read_surface(domain)?;
                 let (map, report) = boundary_map::to_sphere(
@@ -116,7 +117,8 @@ impl<'a> BoundaryInput<'a> {
                 if report.concluded {
                     output.warn(interrupt::concluded("boundary map"));
                 }
-                BoundaryMap::onto_sphere(map).with_context(|| boundary_map::cannot_map(domain))
+                let map = BoundaryMap::onto_sphere(map).with_context(|| boundary_map::cannot_map(domain))?;
+                Ok((map, true))
             }
             Self::ToModel { domain, target, pair } => to_model(domain, target, pair, output),
         }
@@ -126,10 +128,11 @@ impl<'a> BoundaryInput<'a> {
 /// The share of a time limit after which the best boundary map so far is taken.
 const SHARE_OF_BOUNDARY_MAP: f64 = 0.5;
 
-/// The map of a solid's boundary to another's.
-fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<BoundaryMap> {
+/// The map of a solid's boundary to another's, and whether it looks right.
+fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<(BoundaryMap, bool)> {
     let surface = input::read_surface(domain)?;
-    let (map, report) = boundary_map::to_model(&surface, [domain, target], args, SHARE_OF_BOUNDARY_MAP, output)?;
+    let files = [domain, target];
+    let PairMaps { map, report, .. } = boundary_map::to_model(&surface, files, args, 0, SHARE_OF_BOUNDARY_MAP, output)?;
     if report.concluded {
         output.warn(interrupt::concluded("boundary map"));
     }
@@ -138,7 +141,7 @@ fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> a
          an isometry is 4). See `solidmap boundary pair`",
         report.timings.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
     ));
-    Ok(map)
+    Ok((map, !report.stretch.looks_wrong()))
 }
 
 /// Fits a map and writes it.
@@ -159,7 +162,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         max_local_error: args.max_local_error,
         ..fit_options(&args.method, args.tolerance).with_context(cannot_map)?
     };
-    let boundary = source.boundary_map(output)?;
+    let (boundary, looks_right) = source.boundary_map(output)?;
     let inputs: anyhow::Result<_> = files.iter().map(|(role, path)| input::provenance(role, path)).collect();
     let inputs = inputs?;
     output.progress("looking for self-intersections");
@@ -224,7 +227,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     }
     if tolerance_met {
         return Ok(CommandOutcome::from_check(
-            !args.bijective || report.bijective.is_some(),
+            looks_right && (!args.bijective || report.bijective.is_some()),
         ));
     }
     let error = &report.fit.boundary_error;

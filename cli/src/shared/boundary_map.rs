@@ -3,15 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
+use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair};
+use solidmap::boundary_map::pair::{
+    Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, Stretch, map_pair_with_alternatives,
+};
 use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::spherical::{SphereOptions, SpherePhase, SphereReport, SphericalEmbedding, map_to_sphere};
 
 use super::output::Output;
 use super::{input, interrupt};
-use crate::args::{PairArgs, ViaKind};
+use crate::args::{PairArgs, UpKind, ViaKind};
+use crate::drawing::significant;
 
 /// The map of a model to the sphere. At this share of the time limit the best map so far is taken, if there
 /// is one.
@@ -43,15 +47,16 @@ pub fn cannot_map(model: &Path) -> String {
     format!("cannot map `{}` to the sphere", model.display())
 }
 
-/// The map from `domain`, which was read from the first of the two files, to the surface in the second. At this share of the
-/// time limit the best map so far is taken, if there is one.
+/// The map from `domain`, which was read from the first of the two files, to the surface in the second, and as many others
+/// as are asked for. At this share of the time limit the best map so far is taken, if there is one.
 pub fn to_model(
     domain: &SurfaceMesh,
     files: [&Path; 2],
     args: &PairArgs,
+    alternatives: usize,
     share: f64,
     output: &Output,
-) -> anyhow::Result<(BoundaryMap, PairReport)> {
+) -> anyhow::Result<PairMaps> {
     ensure!(
         !args.aligned || args.via == ViaKind::Targets,
         "--aligned says where closest points are sought, and --via conformal seeks none; leave one of them out"
@@ -63,28 +68,88 @@ pub fn to_model(
             ViaKind::Conformal => PairMethod::Conformal,
         },
         landmarks: landmarks(&args.landmarks, domain, &target)?,
+        landmarks_weight: args.landmarks_weight,
+        curves: match &args.landmark_curves {
+            Some(file) => files::read_landmark_curves(file)?,
+            None => vec![],
+        },
+        up: args
+            .domain_up
+            .zip(args.target_up)
+            .map(|(domain, target)| [direction(domain), direction(target)]),
+        start: match &args.start {
+            Some(file) => Some(start(file, domain, files[0])?),
+            None => None,
+        },
+        alternatives,
+        most_stretched: args.max_stretched,
         aligned: args.aligned,
         improve: !args.no_improve,
+        ..PairOptions::default()
     };
     let progress = |phase| {
         show_phase(phase, output);
         // Any one of the coarse embeddings becomes a map by inserting the rest of the vertices.
-        let has_result = !matches!(phase, PairPhase::Sphere(..) | PairPhase::Aligning { .. });
+        let has_result = !matches!(
+            phase,
+            PairPhase::Sphere(..) | PairPhase::Aligning { .. } | PairPhase::Intrinsic { .. }
+        );
         interrupt::control_until(share, has_result)
     };
-    let (map, report) = map_pair(domain, &target, &options, &progress).map_err(|error| match error {
+    let made = map_pair_with_alternatives(domain, &target, &options, &progress).map_err(|error| match error {
         // Only one of the files is at fault.
         PairError::Sphere { side, error } => {
             let file = files[usize::from(side == "target")];
             anyhow::Error::new(error).context(cannot_map(file))
+        }
+        PairError::Curves(error) => {
+            let file = args.landmark_curves.as_deref().unwrap_or(files[0]);
+            anyhow::Error::new(error).context(format!("cannot use `{}`", file.display()))
         }
         error => {
             let (domain, target) = (files[0].display(), files[1].display());
             anyhow::Error::new(error).context(format!("cannot map `{domain}` to `{target}`"))
         }
     })?;
-    report.warnings.iter().for_each(|warning| output.warn(warning));
-    Ok((map, report))
+    made.report.warnings.iter().for_each(|warning| output.warn(warning));
+    if made.report.stretch.looks_wrong() {
+        output.warn(looks_wrong(&made.report.stretch));
+    }
+    Ok(made)
+}
+
+/// The warning that a map stretches too much of the domain too far.
+fn looks_wrong(stretch: &Stretch) -> String {
+    let around = stretch.places.first().map_or(String::new(), |place| {
+        let [x, y, z] = place.centre.map(|c| significant(c, 3));
+        format!(", around ({x}, {y}, {z}) of the domain")
+    });
+    format!(
+        "the boundary map looks wrong: {} % of the area is stretched or compressed over {} times{around}. Up to {} % is \
+         expected (--max-stretched {}). A limb may be in the wrong place: look at it with --png, see whether an \
+         alternative is right, or give landmarks",
+        significant(100.0 * stretch.share, 2),
+        stretch.factor,
+        significant(100.0 * stretch.limit, 2),
+        stretch.limit
+    )
+}
+
+/// The boundary map to start from.
+fn start(file: &Path, domain: &SurfaceMesh, model: &Path) -> anyhow::Result<BoundaryMap> {
+    let start = files::read_boundary(file)?.boundary;
+    ensure!(
+        start.domain().vertices().len() == domain.vertices().len() && start.domain().triangles() == domain.triangles(),
+        "`{}` is a map of another mesh than `{}`; --start takes a boundary file of the same DOMAIN",
+        file.display(),
+        model.display()
+    );
+    Ok(start)
+}
+
+fn direction(up: UpKind) -> Vector {
+    let (axis, is_negative) = up.axis();
+    Vector::ith(axis as usize, if is_negative { -1.0 } else { 1.0 })
 }
 
 fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> anyhow::Result<Landmarks> {
@@ -120,6 +185,7 @@ pub fn show_phase(phase: PairPhase, output: &Output) {
             let phase = format!("mapping the {side} to the sphere: optimising");
             output.progress_of(phase, iterations, most_iterations);
         }
+        PairPhase::Intrinsic { done, of } => output.progress_of("intrinsic shapes", done, of),
         PairPhase::Aligning { of: 0, .. } => output.progress("aligning"),
         PairPhase::Aligning { done, of } => output.progress_of("aligning", done, of),
         PairPhase::CoarseEmbeddings { vertices, done, of } => {

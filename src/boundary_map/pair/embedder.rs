@@ -4,12 +4,10 @@
 //! Coarse to fine, as Schmidt, Pieper, Kobbelt, *Surface maps via adaptive triangulations*, 2023: on a coarse level
 //! long moves are cheap, and every level starts from the solution of a coarser one.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
-use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 use super::PairPhase;
-use super::inter_surface::{InterSurfaceEnergy, InterSurfaceMap, InverseEmbedding};
+use super::inter_surface::{InterSurfaceEnergy, InterSurfaceMap, InverseEmbedding, Spring};
 use crate::Vector;
 use crate::mesh::SurfaceMesh;
 use crate::progress::ProgressSender;
@@ -27,6 +25,9 @@ pub struct SoftTargetSchedule {
     pub strength: f64,
     /// Number of embedded vertices up to which the soft targets pull.
     pub until_vertices: usize,
+    /// Number of embedded vertices from which landmarks are met. Before, springs pull them, which can give way: a coarse
+    /// embedding that meets them may turn about a limb between two of them, and would keep that turn.
+    pub landmarks_from: usize,
 }
 
 /// When to stop alternating between Newton's method and relaxation.
@@ -36,9 +37,19 @@ struct AlternationLimits {
     least_decrease: f64,
 }
 
+/// A vertex that must go to a direction.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pin {
+    pub vertex: u32,
+    pub to: Vector,
+    /// Square of the target's [length ratio](InverseEmbedding::length_ratio) at `to`: the weight of a spring whose energy is
+    /// the squared distance on the target.
+    pub metric: f64,
+}
+
 /// Landmarks: vertices that must go to given directions.
 pub(crate) struct Pins {
-    pairs: Vec<(u32, Vector)>,
+    pins: Vec<Pin>,
     /// Index of each vertex's pin.
     of_vertex: Vec<Option<usize>>,
 }
@@ -49,7 +60,8 @@ pub(crate) struct EmbeddingCandidate {
     pub embedding: PartialEmbedding,
     /// Which of the pins are met.
     pub pinned: Vec<bool>,
-    /// Mean symmetric Dirichlet energy of the map to the target, 1 for an isometry.
+    /// Mean symmetric Dirichlet energy of the map to the target, 1 for an isometry, with that of springs of pins that are
+    /// not met. Infinite while it has only been pulled to soft targets.
     pub energy: f64,
 }
 
@@ -59,6 +71,8 @@ pub(crate) struct DomainEmbedder<'a> {
     pub hierarchy: Hierarchy,
     pub inverse: &'a InverseEmbedding<'a>,
     pub pins: Pins,
+    /// Springs of vertices that are never released: soft landmarks.
+    pub springs: BTreeMap<u32, Spring>,
     /// Polled often. After a cancellation, results are not used.
     pub reporter: &'a ProgressSender<'a, PairPhase>,
 }
@@ -89,32 +103,57 @@ const LAST: AlternationLimits = AlternationLimits {
     most_rounds: 30,
     least_decrease: 1e-5,
 };
-/// Candidates of each alignment that go on to the next size, and the energy over that of the best above which they do
-/// not.
-const KEPT: usize = 3;
-const MOST_ENERGY_RATIO: f64 = 1.4;
-/// Rounds of moving pins to their directions in an embedding of all vertices.
-const MOST_PIN_ROUNDS: usize = 40;
 /// Weight of an unmet pin, over that of a soft target.
 const PIN_WEIGHT: f64 = 30.0;
+/// Energy of the spring of a pin at unit distance on the target, whose area is 4π: first, and from round to round while
+/// pins are being met.
+const PIN_STIFFNESS: f64 = 10.0;
+const STIFFENING: f64 = 4.0;
+/// Rounds of meeting pins on a level.
+const MOST_PIN_ROUNDS: usize = 12;
+/// Limits while pins are being met.
+const MEETING: AlternationLimits = AlternationLimits {
+    most_rounds: 1,
+    least_decrease: 1e-3,
+};
 
 impl SoftTargetSchedule {
     pub(super) const fn new(strength: f64, until_vertices: usize) -> Self {
         Self {
             strength,
             until_vertices,
+            landmarks_from: 0,
+        }
+    }
+
+    /// With landmarks met from this number of vertices on.
+    pub(super) const fn with_landmarks_from(self, landmarks_from: usize) -> Self {
+        Self { landmarks_from, ..self }
+    }
+}
+
+impl Pin {
+    fn spring(&self, stiffness: f64) -> Spring {
+        Spring {
+            to: self.to,
+            weight: stiffness * self.metric,
         }
     }
 }
 
 impl Pins {
     /// Pins of distinct vertices below `vertices`.
-    pub fn new(pairs: Vec<(u32, Vector)>, vertices: usize) -> Self {
+    pub fn new(pins: Vec<Pin>, vertices: usize) -> Self {
         let mut of_vertex = vec![None; vertices];
-        for (i, pair) in pairs.iter().enumerate() {
-            of_vertex[pair.0 as usize] = Some(i);
+        for (i, pin) in pins.iter().enumerate() {
+            of_vertex[pin.vertex as usize] = Some(i);
         }
-        Self { pairs, of_vertex }
+        Self { pins, of_vertex }
+    }
+
+    /// Whether there are any.
+    pub fn is_empty(&self) -> bool {
+        self.pins.is_empty()
     }
 
     fn of(&self, vertex: u32) -> Option<usize> {
@@ -127,11 +166,6 @@ impl EmbeddingCandidate {
     pub fn missed(&self) -> Vec<usize> {
         (0..self.pinned.len()).filter(|&i| !self.pinned[i]).collect()
     }
-
-    /// Number of missed pins, and the energy: the order of candidates, best first.
-    fn rating(&self) -> (usize, f64) {
-        (self.missed().len(), self.energy)
-    }
 }
 
 impl DomainEmbedder<'_> {
@@ -139,14 +173,14 @@ impl DomainEmbedder<'_> {
     pub const MOST_ROUNDS: usize = LAST.most_rounds;
 
     /// The tetrahedron at the coarsest level of the hierarchy, rotated towards its soft targets.
-    fn tetrahedron(&self, soft_targets: &SoftTargets) -> EmbeddingCandidate {
+    pub fn tetrahedron(&self, soft_targets: &SoftTargets) -> EmbeddingCandidate {
         let target = |v: u32| match self.pins.of(v) {
-            Some(i) => Some(self.pins.pairs[i].1),
+            Some(i) => Some(self.pins.pins[i].to),
             None => soft_targets[v as usize].map(|target| target.0),
         };
         EmbeddingCandidate {
             embedding: PartialEmbedding::of_base(&self.hierarchy, target),
-            pinned: vec![false; self.pins.pairs.len()],
+            pinned: vec![false; self.pins.pins.len()],
             energy: f64::INFINITY,
         }
     }
@@ -159,6 +193,7 @@ impl DomainEmbedder<'_> {
     ) -> Option<EmbeddingCandidate> {
         let throughout = SoftTargetSchedule {
             until_vertices: usize::MAX,
+            landmarks_from: 0,
             ..*schedule
         };
         let start = self.tetrahedron(soft_targets);
@@ -189,15 +224,19 @@ impl DomainEmbedder<'_> {
             if self.reporter.should_conclude() && pinned.iter().all(|&is| is) {
                 return;
             }
-            let is_pulled = embedding.inserted.len() < schedule.until_vertices;
-            if is_pulled || !pinned.iter().all(|&is| is) {
-                self.pull(embedding, pinned, soft_targets, schedule.strength);
+            let vertices = embedding.inserted.len();
+            let meets = vertices >= schedule.landmarks_from || vertices == self.domain.vertices().len();
+            if vertices < schedule.until_vertices {
+                self.pull(embedding, pinned, soft_targets, schedule.strength, meets);
+                return;
             }
-            if !is_pulled {
-                map.locate(embedding);
-                *energy = self.improve(embedding, &mut map, pinned, &COARSE, &|_| ());
-                progress(embedding.inserted.len(), *energy);
+            map.locate(embedding);
+            map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
+            *energy = self.improve(embedding, &mut map, pinned, &COARSE, &|_| ());
+            if meets {
+                *energy = self.meet_pins(embedding, &mut map, pinned, *energy);
             }
+            progress(vertices, *energy);
         })?;
         Some(candidate)
     }
@@ -206,17 +245,12 @@ impl DomainEmbedder<'_> {
     pub fn candidate_at(&self, directions: &[Vector]) -> EmbeddingCandidate {
         let mut candidate = EmbeddingCandidate {
             embedding: PartialEmbedding::complete(self.domain, directions),
-            pinned: vec![false; self.pins.pairs.len()],
+            pinned: vec![false; self.pins.pins.len()],
             energy: f64::INFINITY,
         };
-        let no_targets = vec![None; directions.len()];
-        self.move_pins(&mut candidate.embedding, &mut candidate.pinned);
-        for _ in 0..MOST_PIN_ROUNDS {
-            if candidate.pinned.iter().all(|&is| is) || !self.reporter.should_continue() {
-                break;
-            }
-            self.pull(&mut candidate.embedding, &mut candidate.pinned, &no_targets, 1.0);
-        }
+        let mut map = InterSurfaceMap::new(self.inverse, self.domain);
+        map.locate(&candidate.embedding);
+        candidate.energy = self.meet_pins(&mut candidate.embedding, &mut map, &mut candidate.pinned, f64::INFINITY);
         candidate
     }
 
@@ -230,19 +264,69 @@ impl DomainEmbedder<'_> {
 
     /// Lowers the distortion of the map until it has converged. `progress` gets the number of rounds so far.
     pub fn finish(&self, candidate: &mut EmbeddingCandidate, progress: &dyn Fn(usize)) {
+        let EmbeddingCandidate {
+            embedding,
+            pinned,
+            energy,
+        } = candidate;
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
-        map.locate(&candidate.embedding);
-        candidate.energy = self.improve(&mut candidate.embedding, &mut map, &candidate.pinned, &LAST, progress);
+        map.locate(embedding);
+        map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
+        *energy = self.meet_pins(embedding, &mut map, pinned, *energy);
+        *energy = self.improve(embedding, &mut map, pinned, &LAST, progress);
     }
 
-    /// Relaxation towards the soft targets and the unmet pins.
-    fn pull(&self, embedding: &mut PartialEmbedding, pinned: &mut [bool], soft_targets: &SoftTargets, strength: f64) {
-        let weight = strength * 4.0 * std::f64::consts::PI / embedding.inserted.len() as f64;
-        for _ in 0..SOFT_TARGET_SWEEPS / 4 {
+    /// The springs that are never released, and one of this stiffness for each pin that is not met.
+    fn springs_of_unmet(&self, pinned: &[bool], stiffness: f64) -> BTreeMap<u32, Spring> {
+        let mut springs = self.springs.clone();
+        let unmet = self.pins.pins.iter().zip(pinned).filter(|(_, is_met)| !**is_met);
+        springs.extend(unmet.map(|(pin, _)| (pin.vertex, pin.spring(stiffness))));
+        springs
+    }
+
+    /// Meets the pins, with springs that become stiffer until no triangle is in the way: a penalty method. Returns the
+    /// energy, which is `energy` when all were met before. The springs that are left are those never released.
+    fn meet_pins(
+        &self,
+        embedding: &mut PartialEmbedding,
+        map: &mut InterSurfaceMap,
+        pinned: &mut [bool],
+        mut energy: f64,
+    ) -> f64 {
+        let mut stiffness = PIN_STIFFNESS;
+        for _ in 0..MOST_PIN_ROUNDS {
+            if pinned.iter().all(|&is| is) || !self.reporter.should_continue() {
+                break;
+            }
             self.move_pins(embedding, pinned);
-            let soft_target = |v: u32| match self.pins.of(v) {
-                Some(i) => Some((self.pins.pairs[i].1, PIN_WEIGHT * weight.max(0.1))),
-                None => soft_targets[v as usize].map(|(to, trust)| (to, trust * weight)),
+            map.locate(embedding);
+            stiffness *= STIFFENING;
+            map.springs = self.springs_of_unmet(pinned, stiffness);
+            energy = self.improve(embedding, map, pinned, &MEETING, &|_| ());
+        }
+        map.springs = self.springs.clone();
+        energy
+    }
+
+    /// Relaxation towards the soft targets and the unmet pins; `meets` them where no triangle is in the way.
+    fn pull(
+        &self,
+        embedding: &mut PartialEmbedding,
+        pinned: &mut [bool],
+        soft_targets: &SoftTargets,
+        strength: f64,
+        meets: bool,
+    ) {
+        let weight = strength * 4.0 * std::f64::consts::PI / embedding.inserted.len() as f64;
+        let of_landmark = PIN_WEIGHT * weight.max(0.1);
+        for _ in 0..SOFT_TARGET_SWEEPS / 4 {
+            if meets {
+                self.move_pins(embedding, pinned);
+            }
+            let soft_target = |v: u32| match (self.pins.of(v), self.springs.get(&v)) {
+                (Some(i), _) => Some((self.pins.pins[i].to, of_landmark)),
+                (_, Some(spring)) => Some((spring.to, of_landmark)),
+                _ => soft_targets[v as usize].map(|(to, trust)| (to, trust * weight)),
             };
             let is_fixed = |v: u32| self.pins.of(v).is_some_and(|i| pinned[i]);
             let relaxation = Relaxation {
@@ -255,15 +339,17 @@ impl DomainEmbedder<'_> {
                 relaxation.run(embedding, 4);
             }
         }
-        self.move_pins(embedding, pinned);
+        if meets {
+            self.move_pins(embedding, pinned);
+        }
     }
 
     /// Moves pins to their directions where all their triangles stay positive.
     fn move_pins(&self, embedding: &mut PartialEmbedding, pinned: &mut [bool]) {
-        for (i, &(v, to)) in self.pins.pairs.iter().enumerate() {
-            let is_inserted = !embedding.rings.of(v).is_empty();
-            if is_inserted && !pinned[i] && embedding.stays_positive(v, &to) {
-                embedding.directions[v as usize] = to;
+        for (i, &Pin { vertex, to, .. }) in self.pins.pins.iter().enumerate() {
+            let is_inserted = !embedding.rings.of(vertex).is_empty();
+            if is_inserted && !pinned[i] && embedding.stays_positive(vertex, &to) {
+                embedding.directions[vertex as usize] = to;
                 pinned[i] = true;
             }
         }
@@ -338,58 +424,4 @@ impl DomainEmbedder<'_> {
             }
         }
     }
-}
-
-/// The best coarse embedding over all combinations of soft targets and schedules: all are computed with `sizes[0]`
-/// vertices, and the better ones of each alignment refined to the next size.
-///
-/// Returns it, the indices of its soft targets and its schedule, and the last energy of the best one of each alignment.
-pub(crate) fn best_coarse_embedding(
-    embedder: &DomainEmbedder,
-    soft_targets: &[SoftTargets],
-    schedules: &[SoftTargetSchedule],
-    sizes: &[usize],
-) -> Option<(EmbeddingCandidate, [usize; 2], Vec<f64>)> {
-    let all = (0..soft_targets.len()).flat_map(|a| (0..schedules.len()).map(move |s| [a, s]));
-    let start = |choice: [usize; 2]| (embedder.tetrahedron(&soft_targets[choice[0]]), choice);
-    let mut choices: Vec<(EmbeddingCandidate, [usize; 2])> = all.map(start).collect();
-    let mut energies = vec![f64::INFINITY; soft_targets.len()];
-    for &size in sizes {
-        let (done, of) = (AtomicUsize::new(0), choices.len());
-        let refined = |(candidate, [a, s]): (EmbeddingCandidate, [usize; 2])| {
-            let mut refined = embedder.refine(candidate, &soft_targets[a], &schedules[s], size, &|_, _| ())?;
-            // A small surface has all its vertices before its schedule starts to minimise the distortion.
-            if !refined.energy.is_finite() {
-                embedder.finish(&mut refined, &|_| ());
-            }
-            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-            // A cancellation takes effect in the refinements.
-            let _ = embedder.reporter.send(PairPhase::CoarseEmbeddings {
-                vertices: size,
-                done,
-                of,
-            });
-            Some((refined, [a, s]))
-        };
-        choices = choices.into_par_iter().filter_map(refined).collect();
-        choices.sort_by(|a, b| {
-            let (a, b) = (a.0.rating(), b.0.rating());
-            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-        });
-        let best = choices.first()?.0.rating();
-        for (candidate, [a, _]) in choices.iter().rev() {
-            energies[*a] = candidate.energy;
-        }
-        let mut kept = vec![0; soft_targets.len()];
-        choices.retain(|(candidate, [a, _])| {
-            let (missed, energy) = candidate.rating();
-            kept[*a] += 1;
-            kept[*a] <= KEPT && missed == best.0 && energy <= MOST_ENERGY_RATIO * best.1
-        });
-        if embedder.reporter.should_conclude() {
-            break;
-        }
-    }
-    let (candidate, choice) = choices.into_iter().next()?;
-    Some((candidate, choice, energies))
 }

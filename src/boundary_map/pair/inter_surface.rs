@@ -5,7 +5,7 @@
 //! Hoppe, *Inter-surface mapping*, 2004; Smith and Schaefer, *Bijective parameterization with free boundaries*, 2015),
 //! minimised over embeddings of the domain whose triangles stay positive, so that the map stays a bijection.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -14,8 +14,8 @@ use smallvec::SmallVec;
 
 use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::{
-    DistortionEnergy, ElementDerivatives, ElementHessian, EnergyWeights, Locator, Objective, PartialEmbedding,
-    RestShape, RestShapes, SphericalEmbedding, det, newton_step, positive_det, semidefinite,
+    DistortionEnergy, ElementDerivatives, EnergyWeights, Locator, Objective, PartialEmbedding, RestShape, RestShapes,
+    SphericalEmbedding, det, newton_step, positive_det,
 };
 use crate::{Matrix3, Point, Vector};
 
@@ -44,6 +44,13 @@ pub(crate) struct InverseEmbedding<'a> {
     samples: Vec<(Vector, f64)>,
 }
 
+/// Pulls a vertex to a direction, with the energy `weight · |x − to|²`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Spring {
+    pub to: Vector,
+    pub weight: f64,
+}
+
 /// The image of a vertex.
 #[derive(Debug, Clone, Copy, Default)]
 struct VertexImage {
@@ -65,6 +72,8 @@ pub(crate) struct InterSurfaceMap<'a> {
     /// images count as that much larger, so that the energy draws vertices onto the protrusion. Keys start with the
     /// lowest vertex.
     protrusions: HashMap<[u32; 3], f64>,
+    /// Springs of vertices, part of the energy.
+    pub springs: BTreeMap<u32, Spring>,
 }
 
 /// A neighbour of a vertex.
@@ -104,6 +113,21 @@ impl<'a> InverseEmbedding<'a> {
         }
     }
 
+    /// The point of the target with this direction.
+    pub fn position(&self, x: &Vector) -> Point {
+        self.image(x, 0).point / self.scale
+    }
+
+    /// The ratio of lengths on the target, scaled, to those on the sphere around a direction: the root of the ratio of the
+    /// areas of the triangle there.
+    pub fn length_ratio(&self, x: &Vector) -> f64 {
+        let triangle = self.locator.locate(x).triangle as usize;
+        let surface = self.target.surface();
+        let corners = surface.triangles()[triangle].map(|v| Point::from(self.target.directions()[v as usize]));
+        let area = surface.area_vector(triangle).norm() * self.scale * self.scale;
+        (area / triangle_area(&corners).max(f64::MIN_POSITIVE)).sqrt()
+    }
+
     fn image(&self, x: &Vector, hint: u32) -> VertexImage {
         let place = self.locator.locate_from(x, hint);
         let point = place.position(self.target.surface(), self.target.surface().vertices());
@@ -134,6 +158,7 @@ impl<'a> InterSurfaceMap<'a> {
             area_scale: 1.0,
             images: vec![VertexImage::default(); domain.vertices().len()],
             protrusions: HashMap::new(),
+            springs: BTreeMap::new(),
         }
     }
 
@@ -198,7 +223,7 @@ impl<'a> InterSurfaceMap<'a> {
         for &v in vertices.iter().filter(|&&v| !is_fixed(v)) {
             self.gather(embedding, v, &mut star);
             let x = embedding.directions[v as usize];
-            if let Some((x, image)) = self.better_place(&x, &self.images[v as usize], &star) {
+            if let Some((x, image)) = self.better_place(&x, &self.images[v as usize], &star, self.springs.get(&v)) {
                 embedding.directions[v as usize] = x;
                 self.images[v as usize] = image;
             }
@@ -213,7 +238,12 @@ impl<'a> InterSurfaceMap<'a> {
         for &v in &embedding.inserted {
             self.gather(embedding, v, &mut star);
             let area: f64 = star.iter().map(|corner| corner.triangle.rest.area).sum();
-            let value = self.value(&embedding.directions[v as usize], &self.images[v as usize].point, &star);
+            let value = self.value(
+                &embedding.directions[v as usize],
+                &self.images[v as usize].point,
+                &star,
+                None,
+            );
             if value.is_none_or(|value| value > limit * area) {
                 found.push(v);
                 found.extend_from_slice(embedding.rings.of(v));
@@ -238,7 +268,7 @@ impl<'a> InterSurfaceMap<'a> {
         }));
     }
 
-    /// Mean energy over the domain's area, 1 for an isometry.
+    /// Mean energy over the domain's area, 1 for an isometry, with that of the springs.
     pub fn energy(&self, embedding: &PartialEmbedding) -> f64 {
         let mut sum = [0.0; 2];
         for t in embedding.rings.triangles() {
@@ -249,14 +279,17 @@ impl<'a> InterSurfaceMap<'a> {
             sum[0] += triangle.rest.area;
             sum[1] += triangle.rest.area * e;
         }
+        for (&v, spring) in &self.springs {
+            sum[1] += spring.energy(&embedding.directions[v as usize]);
+        }
         let mean = sum[1] / sum[0];
         if mean.is_nan() { f64::INFINITY } else { mean }
     }
 
     /// Energy of a vertex's triangles with the vertex at direction `x` and its image at `y`; `None` where it is not
     /// defined or a triangle on the sphere is not positive.
-    fn value(&self, x: &Vector, y: &Point, star: &VertexStar) -> Option<f64> {
-        let mut value = 0.0;
+    fn value(&self, x: &Vector, y: &Point, star: &VertexStar, spring: Option<&Spring>) -> Option<f64> {
+        let mut value = spring.map_or(0.0, |spring| spring.energy(x));
         for (i, a) in star.iter().enumerate() {
             let b = &star[(i + 1) % star.len()];
             let d = positive_det(x, &a.direction, &b.direction)?;
@@ -270,8 +303,14 @@ impl<'a> InterSurfaceMap<'a> {
     }
 
     /// A Newton step with line search that lowers the energy of a vertex's triangles; `None` if there is none.
-    fn better_place(&self, x: &Vector, image: &VertexImage, star: &VertexStar) -> Option<(Vector, VertexImage)> {
-        let before = self.value(x, &image.point, star)?;
+    fn better_place(
+        &self,
+        x: &Vector,
+        image: &VertexImage,
+        star: &VertexStar,
+        spring: Option<&Spring>,
+    ) -> Option<(Vector, VertexImage)> {
+        let before = self.value(x, &image.point, star, spring)?;
         let y = image.point;
         // Derivatives with respect to the image of the vertex, and to its direction.
         let (mut image_gradient, mut image_hessian) = (Vector::zeros(), Matrix3::zeros());
@@ -305,11 +344,15 @@ impl<'a> InterSurfaceMap<'a> {
         let chain = self.inverse.derivative(x, image);
         gradient += chain.transpose() * image_gradient;
         hessian += chain.transpose() * image_hessian * chain;
+        if let Some(spring) = spring {
+            gradient += 2.0 * spring.weight * (x - spring.to);
+            hessian += Matrix3::identity() * (2.0 * spring.weight);
+        }
         let step = newton_step(x, &gradient, &hessian)?;
         let step_to = |share: f64| {
             let to = (x + share * step).normalize();
             let there = self.inverse.image(&to, image.triangle);
-            let value = self.value(&to, &there.point, star)?;
+            let value = self.value(&to, &there.point, star, spring)?;
             (value < before).then_some((value, (to, there)))
         };
         let mut share = 1.0;
@@ -333,6 +376,12 @@ impl<'a> InterSurfaceMap<'a> {
     }
 }
 
+impl Spring {
+    fn energy(&self, x: &Vector) -> f64 {
+        self.weight * (x - self.to).norm_squared()
+    }
+}
+
 /// Squared norm of the Jacobian, its determinant, and the unit normal of the image triangle.
 fn jacobian_invariants(y: &Point, a: &Point, b: &Point, triangle: &DomainTriangle) -> (f64, f64, Vector) {
     let s = triangle.rest.dirichlet(&y.coords, &a.coords, &b.coords) / (2.0 * triangle.reference_area);
@@ -346,6 +395,8 @@ pub(crate) struct InterSurfaceEnergy<'a> {
     inverse: &'a InverseEmbedding<'a>,
     domain_triangles: Vec<DomainTriangle>,
     shapes: &'a RestShapes,
+    /// Springs, each with a triangle and the corner of it that it pulls.
+    springs: Vec<(usize, usize, Spring)>,
     /// Triangle of the target in which each vertex was found last. Affects the time of the next search, not its result.
     hints: Vec<AtomicU32>,
 }
@@ -356,6 +407,7 @@ impl<'a> InterSurfaceEnergy<'a> {
             inverse: map.inverse,
             domain_triangles: shapes.triangles().iter().map(|t| map.domain_triangle(*t)).collect(),
             shapes,
+            springs: springs_of_corners(&map.springs, shapes.triangles()),
             hints: map.images.iter().map(|image| AtomicU32::new(image.triangle)).collect(),
         }
     }
@@ -401,7 +453,9 @@ impl Objective for InterSurfaceEnergy<'_> {
         };
         let triangles = self.triangles().par_iter().zip(&self.domain_triangles);
         let values: Vec<f64> = triangles.map(of_triangle).collect();
-        let sum = values.iter().sum::<f64>() + barrier;
+        let triangles = self.triangles();
+        let spring = |&(t, corner, spring): &(usize, usize, Spring)| spring.energy(&x[triangles[t][corner] as usize]);
+        let sum = values.iter().sum::<f64>() + barrier + self.springs.iter().map(spring).sum::<f64>();
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 
@@ -416,7 +470,7 @@ impl Objective for InterSurfaceEnergy<'_> {
             frames[v].map(|tangent| derivative * tangent)
         };
         let chains: Vec<[Vector; 2]> = (0..x.len()).into_par_iter().map(chain).collect();
-        let mut elements = self.barrier().elements(x, frames);
+        let mut elements = self.barrier().convex_elements(x, frames);
         let triangles = self.triangles().par_iter().zip(&self.domain_triangles);
         elements
             .par_iter_mut()
@@ -425,8 +479,34 @@ impl Objective for InterSurfaceEnergy<'_> {
                 let points = t.map(|v| images[v as usize].point);
                 add_derivatives(element, &points, &t.map(|v| chains[v as usize]), triangle);
             });
+        for &(t, corner, Spring { to, weight }) in &self.springs {
+            let v = self.triangles()[t][corner] as usize;
+            for (k, tangent) in frames[v].iter().enumerate() {
+                let i = 2 * corner + k;
+                elements[t].gradient[i] -= 2.0 * weight * to.dot(tangent);
+                // On the sphere |x − to|² is 2 − 2 x · to, whose curvature is negative beyond a right angle.
+                elements[t].hessian[(i, i)] += 2.0 * weight * x[v].dot(&to).max(0.0);
+            }
+        }
         elements
     }
+}
+
+/// Gives each spring a triangle at its vertex; those of vertices without triangles are left out.
+fn springs_of_corners(springs: &BTreeMap<u32, Spring>, triangles: &[[u32; 3]]) -> Vec<(usize, usize, Spring)> {
+    let mut left = springs.clone();
+    let mut found = Vec::new();
+    for (t, corners) in triangles.iter().enumerate() {
+        if left.is_empty() {
+            break;
+        }
+        for (corner, v) in corners.iter().enumerate() {
+            if let Some(spring) = left.remove(v) {
+                found.push((t, corner, spring));
+            }
+        }
+    }
+    found
 }
 
 fn add_derivatives(
@@ -451,7 +531,10 @@ fn add_derivatives(
     let (gs, gc) = (tangent(&ds), tangent(&dc));
     // Cotangent of the angle opposite to two corners.
     let opposite = |m: usize, n: usize| rest.cotangents[3 - m - n];
-    let mut hessian = ElementHessian::zeros();
+    // The second derivatives of c are left out, and the mixed term is bounded so that the rest is semidefinite: s is half a
+    // quadratic form, so that its second derivatives are at least gs gsᵀ / 2s, and what is left is a form in two
+    // variables. The bound takes effect where c² < 1/3, and changes the term by less than a seventh.
+    let mixed = (2.0 / c3).min((3.0 * (1.0 + 1.0 / c2)).sqrt() / c2);
     for i in 0..6 {
         element.gradient[i] += w * ((1.0 + 1.0 / c2) * gs[i] - 2.0 * s / c3 * gc[i]);
         for j in 0..6 {
@@ -463,10 +546,10 @@ fn add_derivatives(
             };
             let metric = weight / reference_area * chains[m][i % 2].dot(&chains[n][j % 2]);
             let cross = gs[i] * gc[j] + gc[i] * gs[j];
-            hessian[(i, j)] = w * ((1.0 + 1.0 / c2) * metric - 2.0 / c3 * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
+            element.hessian[(i, j)] +=
+                w * ((1.0 + 1.0 / c2) * metric - mixed * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
         }
     }
-    element.hessian += semidefinite(hessian);
 }
 
 fn lowest_first(t: [u32; 3]) -> [u32; 3] {
@@ -499,7 +582,7 @@ mod tests {
     }
 
     #[test]
-    fn gradient_matches_central_differences_with_and_without_protrusions() {
+    fn gradient_matches_central_differences_with_and_without_protrusions_and_springs() {
         let (target, domain) = horned();
         let locator = Locator::new(&target);
         let inverse = InverseEmbedding::new(&target, &locator);
@@ -509,6 +592,10 @@ mod tests {
         for with_protrusions in [false, true] {
             if with_protrusions {
                 map.find_protrusions(&embedding);
+                let to = Vector::new(0.1, -0.7, 0.7).normalize();
+                map.springs = [(3, 0.5), (11, 20.0)]
+                    .map(|(v, weight)| (v, Spring { to, weight }))
+                    .into();
             }
             assert_eq!(map.has_protrusions(), with_protrusions);
             let triangles = embedding.rings.triangles();

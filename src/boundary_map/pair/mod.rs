@@ -11,6 +11,7 @@
 //! No step inverts a triangle on the sphere, so the result is a bijection at every point of the surface.
 
 mod alignment;
+mod curves;
 mod embedder;
 mod inter_surface;
 mod landmarks;
@@ -18,22 +19,28 @@ mod options;
 mod oriented_query;
 mod report;
 mod rotation;
+mod search;
+mod starts;
+mod stretch;
 mod targets;
 
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
 pub use alignment::{AlignError, Alignment, AlignmentStart, AlignmentSurface, Alignments, align, align_by_landmarks};
+pub use curves::{CurveError, LandmarkCurve};
 pub use embedder::SoftTargetSchedule;
 pub use landmarks::{LandmarkError, Landmarks};
 pub use options::{PairMethod, PairOptions};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
-pub use report::{PairError, PairPhase, PairReport, PairTimings};
+pub use report::{PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings};
 pub use rotation::{RotationMatch, search_rotations};
+pub use stretch::Stretch;
 pub use targets::{VertexTarget, vertex_targets};
 
 use super::{BoundaryMap, SurfaceDistortion};
-use crate::geometry::{Similarity, sphere_rotation};
+use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
@@ -41,20 +48,28 @@ use crate::spherical::{
     map_to_sphere, require_genus_0, require_scale,
 };
 use crate::{Matrix3, Vector};
-use alignment::align_with_progress;
-use embedder::{DomainEmbedder, EmbeddingCandidate, Pins, SoftTargets, best_coarse_embedding};
-use inter_surface::InverseEmbedding;
+use embedder::{DomainEmbedder, EmbeddingCandidate, Pin, Pins, SoftTargets};
+use inter_surface::{InverseEmbedding, Spring};
+use search::{RankedEmbedding, SearchStep, best_of_starts};
+use starts::Start;
 
-/// Schedules to compare: which one ends best differs from pair to pair, and coarse embeddings are cheap.
-const SCHEDULES: [SoftTargetSchedule; 8] = [
+/// Schedules to compare: which one ends best differs from pair to pair.
+const SCHEDULES: [SoftTargetSchedule; 6] = [
     SoftTargetSchedule::new(1.0, 60),
     SoftTargetSchedule::new(1.0, 200),
-    SoftTargetSchedule::new(1.0, 800),
     SoftTargetSchedule::new(10.0, 60),
     SoftTargetSchedule::new(10.0, 200),
-    SoftTargetSchedule::new(10.0, 800),
     SoftTargetSchedule::new(100.0, 60),
-    SoftTargetSchedule::new(100.0, 800),
+    SoftTargetSchedule::new(100.0, 200),
+];
+/// Schedules with landmarks: met from the beginning, or when the coarse embedding is nearly done.
+const SCHEDULES_WITH_LANDMARKS: [SoftTargetSchedule; 6] = [
+    SoftTargetSchedule::new(1.0, 60),
+    SoftTargetSchedule::new(10.0, 200),
+    SoftTargetSchedule::new(100.0, 60),
+    SoftTargetSchedule::new(1.0, 60).with_landmarks_from(1500),
+    SoftTargetSchedule::new(10.0, 200).with_landmarks_from(1500),
+    SoftTargetSchedule::new(100.0, 60).with_landmarks_from(1500),
 ];
 /// Schedules for solids in the same place: those taken for polycubes of voxels, where strong pulls can be trusted.
 const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
@@ -63,8 +78,53 @@ const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(10.0, 800),
     SoftTargetSchedule::new(100.0, 800),
 ];
-/// Vertices of the coarse embeddings: of all at first, then of the better ones.
-const COARSE_SIZES: [usize; 2] = [1600, 4000];
+/// Where coarse embeddings are compared: of all starts at first, then of the better ones.
+const STEPS: [SearchStep; 4] = [
+    SearchStep {
+        vertices: 200,
+        most_of_start: 4,
+        most: 24,
+        most_energy_ratio: 1.6,
+    },
+    SearchStep {
+        vertices: 400,
+        most_of_start: 2,
+        most: 6,
+        most_energy_ratio: 1.3,
+    },
+    SearchStep {
+        vertices: 1600,
+        most_of_start: 1,
+        most: 2,
+        most_energy_ratio: 1.1,
+    },
+    SearchStep {
+        vertices: 4000,
+        most_of_start: 1,
+        most: 1,
+        most_energy_ratio: 1.0,
+    },
+];
+/// The same for solids in the same place.
+const STEPS_IN_PLACE: [SearchStep; 2] = [
+    SearchStep {
+        vertices: 1600,
+        most_of_start: 2,
+        most: 2,
+        most_energy_ratio: 1.1,
+    },
+    SearchStep {
+        vertices: 4000,
+        most_of_start: 1,
+        most: 1,
+        most_energy_ratio: 1.0,
+    },
+];
+/// Maps are alternatives to each other when their images of vertices are this far apart in the mean, as a fraction of the
+/// target's diagonal.
+const DISTINCT: f64 = 0.05;
+/// A warning says that an alternative is as good when its energy is at most this times that of the map that was taken.
+const AS_GOOD: f64 = 1.03;
 /// Symmetric Dirichlet energy of an isometry.
 const ISOMETRY_ENERGY: f64 = 4.0;
 /// A warning says that the rotation is ambiguous when the second best score is this close to the best.
@@ -77,7 +137,7 @@ const TOO_FINE: PairError = PairError::Sphere {
 
 /// A bijection from the boundary of one solid to that of another.
 ///
-/// Takes some 10 s for 15 000 vertices on two cores. The result is the same for any number of threads.
+/// Takes some 10 s for 10 000 vertices on two cores. The result is the same for any number of threads.
 ///
 /// # Errors
 ///
@@ -89,6 +149,25 @@ pub fn map_pair<A: ProgressResponse>(
     options: &PairOptions,
     progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<(BoundaryMap, PairReport), PairError> {
+    let one = PairOptions {
+        alternatives: 0,
+        ..options.clone()
+    };
+    map_pair_with_alternatives(domain, target, &one, progress).map(|pair| (pair.map, pair.report))
+}
+
+/// As [`map_pair`], with up to [`PairOptions::alternatives`] other maps, each of which costs as much as refining one coarse
+/// embedding.
+///
+/// # Errors
+///
+/// As [`map_pair`].
+pub fn map_pair_with_alternatives<A: ProgressResponse>(
+    domain: &SurfaceMesh,
+    target: &SurfaceMesh,
+    options: &PairOptions,
+    progress: &dyn Fn(PairPhase) -> A,
+) -> Result<PairMaps, PairError> {
     let of_side = |side| move |error| PairError::Sphere { side, error };
     let domain = require_genus_0(domain).map_err(of_side("domain"))?;
     let target = require_genus_0(target).map_err(of_side("target"))?;
@@ -99,14 +178,15 @@ pub fn map_pair<A: ProgressResponse>(
         domain.vertices().len(),
         target.vertices().len(),
     )?;
+    let curves = curves::traced(&options.curves, &landmarks, &domain, &target)?;
     let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
         let pair = PairMapping {
             domain: &domain,
             target: &target,
             landmarks: &landmarks,
-            aligned: options.aligned,
-            improve: options.improve,
-            start: Instant::now(),
+            curves: &curves,
+            options,
+            begin: Instant::now(),
             reporter,
         };
         match options.method {
@@ -117,75 +197,98 @@ pub fn map_pair<A: ProgressResponse>(
     made.unwrap_or(Err(PairError::Cancelled))
 }
 
+/// The map of a pair, and others.
+#[derive(Debug, Clone)]
+pub struct PairMaps {
+    /// The map with the least energy.
+    pub map: BoundaryMap,
+    /// What was done and found.
+    pub report: PairReport,
+    /// Other maps, in the order of [`PairReport::alternatives`], as many as were asked for and found.
+    pub alternatives: Vec<BoundaryMap>,
+}
+
 struct PairMapping<'a> {
     domain: &'a SurfaceMesh,
     target: &'a SurfaceMesh,
     landmarks: &'a Landmarks,
-    aligned: bool,
-    improve: bool,
-    start: Instant,
+    /// Vertices along landmark curves, with their places on the target.
+    curves: &'a [curves::CurvePoint],
+    options: &'a PairOptions,
+    begin: Instant,
     reporter: &'a ProgressSender<'a, PairPhase>,
 }
 
 impl PairMapping<'_> {
-    fn by_soft_targets(&self) -> Result<(BoundaryMap, PairReport), PairError> {
-        let target = self.sphere("target", self.target, SphereEnergy::Balanced)?;
+    fn by_soft_targets(&self) -> Result<PairMaps, PairError> {
+        let target = self.target_embedding()?;
         let locator = Locator::new(&target);
         let inverse = InverseEmbedding::new(&target, &locator);
         let sphere = self.elapsed();
 
         self.report(PairPhase::Aligning { done: 0, of: 0 })?;
-        let (soft_targets, warnings) = self.soft_targets(&target)?;
+        let (starts, mut warnings) = self.starts(&target)?;
         let align = self.elapsed();
 
-        let schedules: &[SoftTargetSchedule] = match self.aligned {
-            true => &SCHEDULES_IN_PLACE,
-            false => &SCHEDULES,
-        };
-        let count = soft_targets.len() * schedules.len();
-        self.report(PairPhase::CoarseEmbeddings {
-            vertices: COARSE_SIZES[0],
-            done: 0,
-            of: count,
-        })?;
         let embedder = self.embedder(&target, &inverse)?;
-        let (coarse, [alignment, schedule], alignments) =
-            best_coarse_embedding(&embedder, &soft_targets, schedules, &COARSE_SIZES).ok_or(PairError::NoEmbedding)?;
+        let soft_targets: Vec<&SoftTargets> = starts.iter().map(|start| &start.soft_targets).collect();
+        let (schedules, steps) = self.schedules(&embedder);
+        self.report(PairPhase::CoarseEmbeddings {
+            vertices: steps[0].vertices,
+            done: 0,
+            of: soft_targets.len() * schedules.len(),
+        })?;
+        let ranked = best_of_starts(&embedder, &soft_targets, schedules, steps);
+        let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
         let compared = self.elapsed();
 
-        let (soft_targets, schedule) = (&soft_targets[alignment], schedules[schedule]);
-        let refining = |vertices, energy| {
-            let total = self.domain.vertices().len();
-            // A cancellation takes effect at the next level.
-            let _ = self.report(PairPhase::Refining {
-                vertices,
-                total,
-                energy: ISOMETRY_ENERGY * energy,
-            });
-        };
-        let plain = embedder
-            .by_soft_targets_alone(soft_targets, &schedule)
+        let start = &starts[best.start];
+        let before = embedder
+            .by_soft_targets_alone(&start.soft_targets, &best.schedule)
             .ok_or(TOO_FINE)?;
-        let mut after = plain.clone();
-        if self.improve {
-            let refined = embedder.refine(coarse, soft_targets, &schedule, usize::MAX, &refining);
-            after = refined.ok_or(TOO_FINE)?;
-            embedder.finish(&mut after, &|rounds| self.improving(rounds));
-            self.take_exact_targets(&embedder, soft_targets, &mut after);
-        }
+        let after = match self.options.improve {
+            true => self.completed(&embedder, best, start)?,
+            false => before.clone(),
+        };
         self.require_landmarks(&after)?;
+        let alternatives = self.distinct(&inverse, best, others);
+        if let [first, ..] = alternatives[..]
+            && first.0.candidate.energy <= AS_GOOD * best.candidate.energy
+        {
+            warnings.push(format!(
+                "another map is nearly as good (energy {:.3}, this one {:.3}), as of symmetric bodies: look at the \
+                 alternatives, or give landmarks if it is not the one that you want",
+                ISOMETRY_ENERGY * first.0.candidate.energy,
+                ISOMETRY_ENERGY * best.candidate.energy
+            ));
+        }
+        let mut others = Vec::new();
+        for (other, _) in alternatives.iter().take(self.options.alternatives) {
+            let completed = self.completed(&embedder, other, &starts[other.start])?;
+            others.push(self.through(&completed, &target)?);
+        }
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
-        let (map, [before, after]) = self.measured(&target, &plain, &after)?;
+        let (map, [before, after], stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {
             method: PairMethod::SoftTargets,
             landmarks: self.landmarks.pairs().len(),
-            coarse_embeddings: count,
-            alignments: alignments.iter().map(|energy| ISOMETRY_ENERGY * energy).collect(),
-            alignment,
+            landmark_error: self.landmark_error(&map),
+            coarse_embeddings: soft_targets.len() * schedules.len(),
+            starts: summaries(&starts, &ranked),
+            start: best.start,
+            alternatives: alternatives
+                .iter()
+                .map(|(other, distance)| PairAlternative {
+                    kind: starts[other.start].kind,
+                    energy: ISOMETRY_ENERGY * other.candidate.energy,
+                    distance: *distance,
+                })
+                .collect(),
             rotations: vec![],
-            schedule: Some(schedule),
+            schedule: Some(best.schedule),
             before,
             after,
+            stretch,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
@@ -196,10 +299,85 @@ impl PairMapping<'_> {
             concluded,
             warnings,
         };
-        Ok((map, report))
+        Ok(PairMaps {
+            map,
+            report,
+            alternatives: others,
+        })
     }
 
-    fn by_conformal_maps(&self) -> Result<(BoundaryMap, PairReport), PairError> {
+    /// The target's spherical embedding: that of the boundary map that is started from, if it is one of this target.
+    fn target_embedding(&self) -> Result<SphericalEmbedding, PairError> {
+        let given = self.options.start.as_ref().and_then(BoundaryMap::target_embedding);
+        match given.filter(|given| given.surface() == self.target) {
+            Some(given) => Ok(given.clone()),
+            None => self.sphere("target", self.target, SphereEnergy::Balanced),
+        }
+    }
+
+    fn schedules(&self, embedder: &DomainEmbedder) -> (&'static [SoftTargetSchedule], &'static [SearchStep]) {
+        if !embedder.pins.is_empty() {
+            (&SCHEDULES_WITH_LANDMARKS, &STEPS)
+        } else if self.options.aligned {
+            (&SCHEDULES_IN_PLACE, &STEPS_IN_PLACE)
+        } else {
+            (&SCHEDULES, &STEPS)
+        }
+    }
+
+    /// A coarse embedding with the rest of the vertices, and its distortion lowered.
+    fn completed(
+        &self,
+        embedder: &DomainEmbedder,
+        coarse: &RankedEmbedding,
+        start: &Start,
+    ) -> Result<EmbeddingCandidate, PairError> {
+        let refining = |vertices, energy| {
+            let total = self.domain.vertices().len();
+            // A cancellation takes effect at the next level.
+            let _ = self.report(PairPhase::Refining {
+                vertices,
+                total,
+                energy: ISOMETRY_ENERGY * energy,
+            });
+        };
+        let (candidate, soft_targets) = (coarse.candidate.clone(), &start.soft_targets);
+        let refined = embedder.refine(candidate, soft_targets, &coarse.schedule, usize::MAX, &refining);
+        let mut completed = refined.ok_or(TOO_FINE)?;
+        embedder.finish(&mut completed, &|rounds| self.improving(rounds));
+        self.take_exact_targets(embedder, soft_targets, &mut completed);
+        Ok(completed)
+    }
+
+    /// The embeddings whose maps are not nearly that of `best`, or of one before them, with the mean distance of their images
+    /// of vertices from those of `best`, as a fraction of the target's diagonal.
+    fn distinct<'b>(
+        &self,
+        inverse: &InverseEmbedding,
+        best: &'b RankedEmbedding,
+        others: &'b [RankedEmbedding],
+    ) -> Vec<(&'b RankedEmbedding, f64)> {
+        let diagonal = self.target.diagonal();
+        let distance = |a: &RankedEmbedding, b: &RankedEmbedding| {
+            let (a, b) = (&a.candidate.embedding, &b.candidate.embedding);
+            let common = a.inserted.len().min(b.inserted.len());
+            let apart = |&v: &u32| {
+                let images = [a, b].map(|of| inverse.position(&of.directions[v as usize]));
+                (images[0] - images[1]).norm()
+            };
+            a.inserted[..common].iter().map(apart).sum::<f64>() / (common as f64 * diagonal)
+        };
+        let mut kept: Vec<(&RankedEmbedding, f64)> = Vec::new();
+        for other in others.iter().filter(|other| other.candidate.energy.is_finite()) {
+            let from_best = distance(other, best);
+            if from_best > DISTINCT && kept.iter().all(|(kept, _)| distance(other, kept) > DISTINCT) {
+                kept.push((other, from_best));
+            }
+        }
+        kept
+    }
+
+    fn by_conformal_maps(&self) -> Result<PairMaps, PairError> {
         let domain = self.sphere("domain", self.domain, SphereEnergy::Conformal)?;
         let target = self.sphere("target", self.target, SphereEnergy::Conformal)?;
         let sphere = self.elapsed();
@@ -242,22 +420,25 @@ impl PairMapping<'_> {
         let embedder = self.embedder(&target, &inverse)?;
         let mut after = embedder.candidate_at(&turned);
         let before = after.clone();
-        if self.improve {
+        if self.options.improve {
             embedder.finish(&mut after, &|rounds| self.improving(rounds));
         }
         self.require_landmarks(&after)?;
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
-        let (map, [before, after]) = self.measured(&target, &before, &after)?;
+        let (map, [before, after], stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {
             method: PairMethod::Conformal,
             landmarks: self.landmarks.pairs().len(),
+            landmark_error: self.landmark_error(&map),
             coarse_embeddings: 1,
-            alignments: vec![],
-            alignment: 0,
+            starts: vec![],
+            start: 0,
+            alternatives: vec![],
             rotations,
             schedule: None,
             before,
             after,
+            stretch,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
@@ -268,7 +449,11 @@ impl PairMapping<'_> {
             concluded,
             warnings,
         };
-        Ok((map, report))
+        Ok(PairMaps {
+            map,
+            report,
+            alternatives: vec![],
+        })
     }
 
     /// Reports rounds of lowering the distortion; a cancellation takes effect in them.
@@ -287,7 +472,7 @@ impl PairMapping<'_> {
     }
 
     fn elapsed(&self) -> f64 {
-        self.start.elapsed().as_secs_f64()
+        self.begin.elapsed().as_secs_f64()
     }
 
     fn sphere(
@@ -311,54 +496,43 @@ impl PairMapping<'_> {
         }
     }
 
-    /// The soft targets that each alignment gives, and warnings about the alignments.
-    fn soft_targets(&self, target: &SphericalEmbedding) -> Result<(Vec<SoftTargets>, Vec<String>), PairError> {
-        let from = AlignmentSurface::new(self.domain, "domain")?;
-        let to = AlignmentSurface::new(self.target, "target")?;
-        let pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
-        let of_similarity = |similarity: &Similarity| {
-            let found = vertex_targets(&from, &to, similarity);
-            let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
-            found.into_iter().map(|found| found.map(direction)).collect()
-        };
-        let mut warnings = Vec::new();
-        let alignments = if pairs.len() >= 3 {
-            align_by_landmarks(&from, &to, &pairs)?
-        } else if self.aligned {
-            return Ok((vec![of_similarity(&Similarity::identity())], warnings));
-        } else {
-            let progress = |done, of| {
-                // A cancellation takes effect when the alignments are there, in a second or two.
-                let _ = self.reporter.send(PairPhase::Aligning { done, of });
-            };
-            align_with_progress(&from, &to, &progress)
-        };
-        if alignments.looks_mirrored() {
-            warnings.push(
-                "the target looks like the mirror image of the domain; mirror one of them if that is not what you want"
-                    .into(),
-            );
-        }
-        let soft_targets = alignments
-            .best
-            .iter()
-            .map(|alignment| of_similarity(&alignment.similarity));
-        Ok((soft_targets.collect(), warnings))
-    }
-
     fn embedder<'a>(
         &'a self,
         target: &SphericalEmbedding,
         inverse: &'a InverseEmbedding<'a>,
     ) -> Result<DomainEmbedder<'a>, PairError> {
         let (vertices, pairs) = (self.domain.vertices(), self.landmarks.pairs());
+        let metric = |to: &Vector| inverse.length_ratio(to).powi(2);
+        let of_pairs = pairs.iter().map(|&[v, w]| (v, target.directions()[w as usize]));
+        let of_curves = self
+            .curves
+            .iter()
+            .map(|point| (point.vertex, target.direction(&point.place)));
+        let (mut pins, mut springs) = (Vec::new(), BTreeMap::new());
+        for (vertex, to) in of_pairs {
+            match self.options.landmarks_weight {
+                None => pins.push(Pin {
+                    vertex,
+                    to,
+                    metric: metric(&to),
+                }),
+                Some(weight) => {
+                    let weight = weight * metric(&to);
+                    springs.insert(vertex, Spring { to, weight });
+                }
+            }
+        }
+        for (vertex, to) in of_curves {
+            let weight = self.options.curves_weight / self.curves.len() as f64 * metric(&to);
+            springs.entry(vertex).or_insert(Spring { to, weight });
+        }
         let late: Vec<u32> = pairs.iter().map(|pair| pair[0]).collect();
-        let pin = |&[v, w]: &[u32; 2]| (v, target.directions()[w as usize]);
         Ok(DomainEmbedder {
             domain: self.domain,
             hierarchy: Hierarchy::new(vertices, self.domain.triangles(), &late).ok_or(TOO_FINE)?,
             inverse,
-            pins: Pins::new(pairs.iter().map(pin).collect(), vertices.len()),
+            pins: Pins::new(pins, vertices.len()),
+            springs,
             reporter: self.reporter,
         })
     }
@@ -426,31 +600,58 @@ impl PairMapping<'_> {
         }
     }
 
-    /// The better one of the maps before and after optimisation, with the distortion before and that of the map itself.
+    /// The better one of the maps before and after optimisation, with the distortion before and that of the map itself, and
+    /// how far that stretches.
     fn measured(
         &self,
         target: &SphericalEmbedding,
         before: &EmbeddingCandidate,
         after: &EmbeddingCandidate,
-    ) -> Result<(BoundaryMap, [SurfaceDistortion; 2]), PairError> {
+    ) -> Result<(BoundaryMap, [SurfaceDistortion; 2], Stretch), PairError> {
         self.report(PairPhase::Measuring { done: 0, of: 2 })?;
-        let through = |candidate: &EmbeddingCandidate| -> Result<BoundaryMap, PairError> {
-            let domain = SphericalEmbedding::new(self.domain.clone(), &candidate.embedding.directions)
-                .map_err(|error| PairError::Sphere { side: "domain", error })?;
-            Ok(BoundaryMap::through_sphere(domain, target.clone())?)
-        };
-        let (first, last) = (through(before)?, through(after)?);
-        let of_first = distortion(&first);
+        let no_area = || PairError::from(AlignError::NoArea { side: "domain" });
+        let (first, last) = (self.through(before, target)?, self.through(after, target)?);
+        let of_first = distortion(&first).ok_or_else(no_area)?;
         self.report(PairPhase::Measuring { done: 1, of: 2 })?;
-        let (Some(of_first), Some(of_last)) = (of_first, distortion(&last)) else {
-            return Err(AlignError::NoArea { side: "domain" }.into());
+        let of_last = distortion(&last).ok_or_else(no_area)?;
+        let (map, distortions) = match before.missed().is_empty() && !is_lower(&of_last, &of_first) {
+            true => (first, [of_first; 2]),
+            false => (last, [of_first, of_last]),
         };
-        if before.missed().is_empty() && !is_lower(&of_last, &of_first) {
-            Ok((first, [of_first; 2]))
-        } else {
-            Ok((last, [of_first, of_last]))
-        }
+        let stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
+        Ok((map, distortions, stretch))
     }
+
+    /// The map of an embedding of all vertices.
+    fn through(&self, candidate: &EmbeddingCandidate, target: &SphericalEmbedding) -> Result<BoundaryMap, PairError> {
+        let domain = SphericalEmbedding::new(self.domain.clone(), &candidate.embedding.directions)
+            .map_err(|error| PairError::Sphere { side: "domain", error })?;
+        Ok(BoundaryMap::through_sphere(domain, target.clone())?)
+    }
+
+    /// The largest distance of an image of a landmark, or of a vertex of a landmark curve, from where it is to be.
+    fn landmark_error(&self, map: &BoundaryMap) -> f64 {
+        let pairs = self.landmarks.pairs().iter();
+        let of_pairs = pairs.map(|&[v, w]| (map.image()[v as usize] - self.target.vertices()[w as usize]).norm());
+        let of_curves = self.curves.iter().map(|point| {
+            let place = point.place.position(self.target, self.target.vertices());
+            (map.image()[point.vertex as usize] - place).norm()
+        });
+        of_pairs.chain(of_curves).fold(0.0, f64::max) / self.target.diagonal()
+    }
+}
+
+/// What became of each start.
+fn summaries(starts: &[Start], ranked: &[RankedEmbedding]) -> Vec<PairStart> {
+    let summary = |(i, start): (usize, &Start)| {
+        let found = ranked.iter().find(|embedding| embedding.start == i);
+        PairStart {
+            kind: start.kind,
+            energy: found.map_or(f64::INFINITY, |found| ISOMETRY_ENERGY * found.candidate.energy),
+            vertices: found.map_or(0, |found| found.candidate.embedding.inserted.len()),
+        }
+    };
+    starts.iter().enumerate().map(summary).collect()
 }
 
 /// Whether optimisation was of use: it lowers the distortion of straight triangles, which can raise that of the map itself,

@@ -2,7 +2,10 @@
 
 use serde::Serialize;
 
-use super::Landmarks;
+use super::stretch::MOST_STRETCHED;
+use super::{LandmarkCurve, Landmarks};
+use crate::Vector;
+use crate::boundary_map::BoundaryMap;
 
 /// How the domain is embedded on the target's sphere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -17,14 +20,32 @@ pub enum PairMethod {
 }
 
 /// How a pair is mapped.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct PairOptions {
     /// How the domain is embedded on the target's sphere.
     pub method: PairMethod,
     /// Vertices of the domain that must go to given vertices of the target.
     pub landmarks: Landmarks,
-    /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought. Three landmarks or
-    /// more, and [`PairMethod::Conformal`], do not look at it.
+    /// `None`: landmarks are met exactly. Otherwise they are soft, with this weight: a landmark that is a tenth of the root of
+    /// the target's area away from where it is to be costs as much as a rise of the mean energy by this many percent of
+    /// that of an isometry.
+    pub landmarks_weight: Option<f64>,
+    /// Paths that are to go to paths of the target, as near as their distortion allows.
+    pub curves: Vec<LandmarkCurve>,
+    /// As `landmarks_weight`, for all vertices of the curves together.
+    pub curves_weight: f64,
+    /// Directions of the domain and of the target that correspond roughly, within 60°: which way is up.
+    pub up: Option<[Vector; 2]>,
+    /// A map of this domain to start from: nothing else is sought. One that was composed with an embedding of this target is
+    /// the start itself; of others the images of vertices are soft targets.
+    pub start: Option<BoundaryMap>,
+    /// Number of other maps that are wanted, for [`map_pair_with_alternatives`](super::map_pair_with_alternatives).
+    pub alternatives: usize,
+    /// Share of the domain's area above which the map counts as wrong when it is stretched or compressed by more than
+    /// [a factor](super::Stretch::factor) there.
+    pub most_stretched: f64,
+    /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought.
+    /// [`PairMethod::Conformal`] does not look at it.
     pub aligned: bool,
     /// Whether the distortion of the map is minimised.
     pub improve: bool,
@@ -35,6 +56,13 @@ impl Default for PairOptions {
         Self {
             method: PairMethod::SoftTargets,
             landmarks: Landmarks::default(),
+            landmarks_weight: None,
+            curves: vec![],
+            curves_weight: 1000.0,
+            up: None,
+            start: None,
+            alternatives: 0,
+            most_stretched: MOST_STRETCHED,
             aligned: false,
             improve: true,
         }

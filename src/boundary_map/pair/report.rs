@@ -4,7 +4,7 @@ use serde::Serialize;
 
 #[cfg(doc)]
 use super::map_pair;
-use super::{AlignError, LandmarkError, PairMethod, SoftTargetSchedule};
+use super::{AlignError, CurveError, LandmarkError, PairMethod, SoftTargetSchedule, Stretch};
 use crate::boundary_map::{BoundaryMapError, SurfaceDistortion};
 use crate::spherical::{SpherePhase, SphericalError};
 
@@ -20,7 +20,14 @@ pub enum PairPhase {
         /// About as many steps; 0 where they are not counted.
         of: usize,
     },
-    /// Coarse embeddings of the domain, one for each combination of alignment and schedule, are compared; then the better
+    /// Correspondences are sought by intrinsic shape.
+    Intrinsic {
+        /// Steps done so far.
+        done: usize,
+        /// Steps in all.
+        of: usize,
+    },
+    /// Coarse embeddings of the domain, one for each combination of start and schedule, are compared; then the better
     /// ones of them with more vertices.
     CoarseEmbeddings {
         /// About as many vertices each.
@@ -61,16 +68,20 @@ pub struct PairReport {
     /// How the domain was embedded on the target's sphere.
     #[serde(rename = "via")]
     pub method: PairMethod,
-    /// Number of landmarks; all are met exactly.
+    /// Number of landmarks.
     pub landmarks: usize,
+    /// The largest distance of the image of a landmark, or of a vertex of a landmark curve, from where it is to be, as a
+    /// fraction of the target's diagonal: rounding where landmarks are met exactly.
+    pub landmark_error: f64,
     /// Number of coarse embeddings that were compared.
     pub coarse_embeddings: usize,
-    /// For each alignment the lowest mean symmetric Dirichlet energy (4 for an isometry) of its coarse embeddings, when
-    /// they were last compared; protrusions of the target inside a triangle count. Empty with
-    /// [`PairMethod::Conformal`].
-    pub alignments: Vec<f64>,
-    /// Index of the alignment that was taken; 0 with [`PairMethod::Conformal`].
-    pub alignment: usize,
+    /// The starts of the search. Empty with [`PairMethod::Conformal`].
+    pub starts: Vec<PairStart>,
+    /// Index of the start that was taken; 0 with [`PairMethod::Conformal`].
+    pub start: usize,
+    /// Other maps that the starts led to, the least energy first: those whose images of vertices are, in the mean, more than a
+    /// twentieth of the target's diagonal from this one's.
+    pub alternatives: Vec<PairAlternative>,
     /// Correlation of the area distortions under each rotation of the spheres, best first. Empty with
     /// [`PairMethod::SoftTargets`].
     pub rotations: Vec<f64>,
@@ -80,6 +91,8 @@ pub struct PairReport {
     pub before: SurfaceDistortion,
     /// Distortion of the map.
     pub after: SurfaceDistortion,
+    /// How much of the domain is stretched so far that the map is probably wrong.
+    pub stretch: Stretch,
     /// Wall time by phase.
     #[serde(rename = "seconds")]
     pub timings: PairTimings,
@@ -89,6 +102,48 @@ pub struct PairReport {
     pub concluded: bool,
     /// What is unusual about the pair, for the user to read.
     pub warnings: Vec<String>,
+}
+
+/// What soft targets come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum PairStartKind {
+    /// Closest points of the solids as they lie.
+    Aligned,
+    /// Closest points once the solids are aligned by shape.
+    Alignment,
+    /// Closest points once the solids are aligned by landmarks.
+    Landmarks,
+    /// Intrinsic shape: distances along the surfaces and their eigenfunctions, whatever the pose.
+    Intrinsic,
+    /// The same, with strong pulls at the extremities.
+    Extremities,
+    /// The boundary map that was given.
+    Given,
+}
+
+/// A start of the search for the best coarse embedding.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PairStart {
+    /// What its soft targets come from.
+    pub kind: PairStartKind,
+    /// The lowest mean symmetric Dirichlet energy (4 for an isometry) of its embeddings when they were last compared;
+    /// protrusions of the target inside a triangle count.
+    pub energy: f64,
+    /// Number of vertices that the embedding had.
+    pub vertices: usize,
+}
+
+/// Another map that the search found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PairAlternative {
+    /// What its soft targets came from.
+    pub kind: PairStartKind,
+    /// Mean symmetric Dirichlet energy of its coarse embedding.
+    pub energy: f64,
+    /// Mean distance of its images of vertices from those of the map that was taken, as a fraction of the target's diagonal.
+    pub distance: f64,
 }
 
 /// Wall time of [`map_pair`] by phase, in seconds.
@@ -124,6 +179,9 @@ pub enum PairError {
     /// Landmarks are not pairs of vertices of these solids.
     #[error(transparent)]
     Landmarks(#[from] LandmarkError),
+    /// Landmark curves are not paths on these solids.
+    #[error(transparent)]
+    Curves(#[from] CurveError),
     /// No bijection was found that meets all landmarks.
     #[error(
         "{} of {landmarks} landmarks cannot be met without inverting triangles, the first is pair {}, counted from 0 \

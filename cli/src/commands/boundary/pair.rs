@@ -3,12 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
-use solidmap::boundary_map::pair::{PairMethod, PairReport};
+use solidmap::boundary_map::pair::{PairMaps, PairMethod, PairReport, PairStartKind};
 
 use super::write;
 use crate::CommandOutcome;
-use crate::args::BoundaryPairArgs;
+use crate::args::{BoundaryOutputs, BoundaryPairArgs};
+use crate::drawing::significant;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
 use crate::shared::{boundary_map, input, interrupt};
@@ -22,6 +24,8 @@ struct PairSummary {
     boundary_file: Option<FileName>,
     png: Option<FileName>,
     vtu: Option<FileName>,
+    /// Images under other maps.
+    written_alternatives: Vec<FileName>,
     #[serde(flatten)]
     pair: PairReport,
     peak_rss_bytes: u64,
@@ -30,23 +34,30 @@ struct PairSummary {
 /// Maps the pair, and writes the image and whatever else is asked for.
 pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let mut inputs: Vec<&Path> = vec![&args.domain, &args.target];
-    inputs.extend(args.pair.landmarks.iter().map(PathBuf::as_path));
+    let files = args.pair.files_by_role();
+    inputs.extend(files.iter().map(|(_, path)| *path));
     args.outputs.require_writable(&inputs)?;
     output.progress("reading");
     let domain = input::read_surface(&args.domain)?;
-    let (map, report) = boundary_map::to_model(&domain, [&args.domain, &args.target], &args.pair, 1.0, output)?;
+    let models = [args.domain.as_path(), args.target.as_path()];
+    let PairMaps {
+        map,
+        report,
+        alternatives,
+    } = boundary_map::to_model(&domain, models, &args.pair, args.alternatives, 1.0, output)?;
     output.progress("writing");
     let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
-    read.extend(args.pair.landmarks.iter().map(|file| ("landmarks", file.as_path())));
+    read.extend(files);
     let checked = check(&map, None, &BoundaryCheckOptions::default(), None)?;
     write::outputs(
         &map,
         Some(&checked),
         &args.outputs,
         &read,
-        args.target_up.or(args.outputs.up),
+        args.pair.target_up.unwrap_or(args.outputs.up),
         output,
     )?;
+    let alternatives = write_alternatives(&alternatives, &args.outputs, &read, output)?;
     let flipped = checked.composition.map_or(0, |found| found.plain_image_flipped);
     if flipped > 0 {
         let instead = match &args.outputs.boundary {
@@ -65,6 +76,7 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
         boundary_file: file_name(args.outputs.boundary.as_ref()),
         png: file_name(args.outputs.png.as_ref()),
         vtu: file_name(args.outputs.vtu.as_ref()),
+        written_alternatives: alternatives.iter().map(FileName::from).collect(),
         pair: report,
         peak_rss_bytes: peak_rss_bytes(),
     };
@@ -73,7 +85,47 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
         output.warn(interrupt::concluded("boundary map"));
         return Ok(CommandOutcome::CheckFailed);
     }
-    Ok(CommandOutcome::Done)
+    Ok(CommandOutcome::from_check(!report.pair.stretch.looks_wrong()))
+}
+
+/// Writes images and boundary files of other maps beside those of the map itself; returns the names of the images.
+fn write_alternatives(
+    maps: &[BoundaryMap],
+    outputs: &BoundaryOutputs,
+    inputs: &[(&str, &Path)],
+    output: &Output,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let write_one = |(i, map): (usize, &BoundaryMap)| {
+        let numbered = |path: &PathBuf| {
+            let extension = path.extension().unwrap_or_default().to_string_lossy();
+            path.with_extension(format!("{}.{extension}", i + 2))
+        };
+        let numbered = BoundaryOutputs {
+            output: numbered(&outputs.output),
+            boundary: outputs.boundary.as_ref().map(numbered),
+            png: None,
+            vtu: None,
+            up: outputs.up,
+        };
+        write::outputs(map, None, &numbered, inputs, outputs.up, output)?;
+        Ok(numbered.output)
+    };
+    maps.iter().enumerate().map(write_one).collect()
+}
+
+/// A landmark is met exactly when its image is this close, as a fraction of the diagonal: rounding.
+const MET: f64 = 1e-9;
+
+fn start_words(kind: PairStartKind) -> &'static str {
+    match kind {
+        PairStartKind::Aligned => "the solids as they lie",
+        PairStartKind::Alignment => "alignment",
+        PairStartKind::Landmarks => "alignment by landmarks",
+        PairStartKind::Intrinsic => "intrinsic shape",
+        PairStartKind::Extremities => "intrinsic shape and extremities",
+        PairStartKind::Given => "the map given",
+        _ => "another start",
+    }
 }
 
 fn summary(report: &PairSummary) -> String {
@@ -81,11 +133,10 @@ fn summary(report: &PairSummary) -> String {
     let seconds = pair.timings;
     let method = match (pair.method, pair.schedule) {
         (PairMethod::SoftTargets, Some(schedule)) => format!(
-            "the best of {} coarse embeddings for {} alignments: alignment {}, soft targets of weight {} up to {} \
-             vertices",
+            "the best of {} coarse embeddings from {} starts: {}, soft targets of weight {} up to {} vertices",
             pair.coarse_embeddings,
-            pair.alignments.len(),
-            pair.alignment + 1,
+            pair.starts.len(),
+            pair.starts.get(pair.start).map_or("", |start| start_words(start.kind)),
             schedule.strength,
             schedule.until_vertices
         ),
@@ -102,7 +153,36 @@ fn summary(report: &PairSummary) -> String {
         ["method".into(), method],
     ];
     if pair.landmarks > 0 {
-        rows.push(["landmarks".into(), format!("{}, all met exactly", pair.landmarks)]);
+        let error = significant(100.0 * pair.landmark_error, 2);
+        let how = match pair.landmark_error < MET {
+            true => "all met exactly".into(),
+            false => format!("met to {error} % of the diagonal at worst"),
+        };
+        rows.push(["landmarks".into(), format!("{}, {how}", pair.landmarks)]);
+    }
+    rows.push([
+        "stretched".into(),
+        format!(
+            "{} % of the area by more than a factor of {} (up to {} % is expected)",
+            significant(100.0 * pair.stretch.share, 2),
+            pair.stretch.factor,
+            significant(100.0 * pair.stretch.limit, 2)
+        ),
+    ]);
+    for (i, other) in pair.alternatives.iter().enumerate() {
+        let written = report
+            .written_alternatives
+            .get(i)
+            .map_or(String::new(), |name| format!(": {}", name.display()));
+        rows.push([
+            if i == 0 { "other maps".into() } else { String::new() },
+            format!(
+                "by {}, energy {:.2}, {} % of the diagonal away in the mean{written}",
+                start_words(other.kind),
+                other.energy,
+                significant(100.0 * other.distance, 2)
+            ),
+        ]);
     }
     rows.push([
         "time".into(),

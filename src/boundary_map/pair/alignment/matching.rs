@@ -17,6 +17,8 @@ pub(super) struct Registration<'a> {
     pub(super) beta: f64,
     /// Called, on any thread, when one of the steps of a search is done.
     pub(super) on_step: &'a (dyn Fn() + Sync),
+    /// Directions of the domain and the target that correspond roughly.
+    pub(super) up: Option<[Vector; 2]>,
 }
 
 /// For each sample of the domain its closest point on the target, and vice versa.
@@ -94,6 +96,7 @@ impl<'a> Registration<'a> {
             target,
             beta: NORMAL_WEIGHT * target.size,
             on_step: &|| (),
+            up: None,
         }
     }
 

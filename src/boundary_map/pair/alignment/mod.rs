@@ -72,6 +72,8 @@ pub enum AlignmentStart {
     PrincipalAxes,
     /// One of the uniformly spread rotations.
     Spread,
+    /// A rotation that takes a given direction to another.
+    Upright,
     /// Pairs of landmarks.
     Landmarks,
 }
@@ -134,6 +136,8 @@ const MIRRORED_STARTS: usize = 6;
 const COARSE_STEPS: usize = 8;
 /// Alignments closer than this angle are the same.
 const DISTINCT_ANGLE: f64 = 20.0 * PI / 180.0;
+/// Directions that correspond roughly are this close.
+pub(super) const UPRIGHT: f64 = PI / 3.0;
 /// Ratio of residuals below which the target looks like the mirror image.
 const MIRRORED: f64 = 0.8;
 /// Ratio of the second smallest residual to the smallest below which the best alignment is ambiguous.
@@ -145,18 +149,21 @@ const EXACT: f64 = 1e-6;
 /// started from principal axes are equivariant under similarities of the solids; those from the coordinates as given
 /// are not. Costs up to two seconds of processor time.
 pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments {
-    align_with_progress(domain, target, &|_, _| ())
+    align_with_progress(domain, target, None, &|_, _| ())
 }
 
-/// As [`align`]. `progress` gets the number of steps that are done, and of how many; on any thread.
+/// As [`align`], with rotations alone that take the first of the directions `up` to within [`UPRIGHT`] of the second. `progress`
+/// gets the number of steps that are done, and of how many; on any thread.
 pub(super) fn align_with_progress(
     domain: &AlignmentSurface,
     target: &AlignmentSurface,
+    up: Option<&[Vector; 2]>,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Alignments {
     let (done, of) = (AtomicUsize::new(0), STARTS + FINALISTS + MIRRORED_STARTS + 1);
     let pair = Registration {
         on_step: &|| progress(done.fetch_add(1, Ordering::Relaxed) + 1, of),
+        up: up.copied(),
         ..Registration::new(domain, target)
     };
     let (best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
@@ -249,10 +256,12 @@ impl Registration<'_> {
                 start,
             }
         };
-        let starts = starts::starts(self.domain, self.target, sign)
-            .into_par_iter()
-            .map(scored)
-            .collect();
+        let mut starts = starts::starts(self.domain, self.target, sign);
+        if let Some(up) = &self.up {
+            starts.retain(|(_, similarity)| is_upright(&similarity.rotation, up));
+            starts.extend(starts::upright(up, sign));
+        }
+        let starts = starts.into_par_iter().map(scored).collect();
         let improved = distinct(starts, most_starts)
             .par_iter()
             .map(|start| {
@@ -271,6 +280,11 @@ impl Registration<'_> {
             })
             .collect();
         refined.sort_by(|a, b| a.0.residual.total_cmp(&b.0.residual));
+        if let Some(up) = &self.up
+            && refined.iter().any(|(_, s)| is_upright(&s.rotation, up))
+        {
+            refined.retain(|(_, s)| is_upright(&s.rotation, up));
+        }
         let best = spread_out(refined, usize::MAX, |(_, s)| s.rotation, DISTINCT_ANGLE);
         best.into_iter().map(|(alignment, _)| alignment).collect()
     }
@@ -307,6 +321,11 @@ impl Registration<'_> {
         }
         best
     }
+}
+
+/// Whether a rotation takes the first direction to within [`UPRIGHT`] of the second.
+pub(super) fn is_upright(rotation: &Matrix3, [from, to]: &[Vector; 2]) -> bool {
+    (rotation * from).angle(to) < UPRIGHT
 }
 
 /// The best `count` that are not close to a better one, always including that from the coordinates as given. Of close

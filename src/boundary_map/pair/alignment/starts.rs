@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Quaternion, UnitQuaternion};
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion};
 
 use super::{AlignmentStart, AlignmentSurface};
 use crate::geometry::Similarity;
@@ -10,6 +10,8 @@ use crate::{Matrix3, Vector};
 
 /// Starts added where principal axes are ambiguous: every rotation is within 57° of one of them.
 const SPREAD: usize = 72;
+/// Turns about a given direction.
+const UPRIGHT_TURNS: usize = 12;
 
 /// Orthogonal matrices of determinant `sign`, between the frames of the two surfaces.
 pub(super) fn starts(
@@ -41,6 +43,28 @@ pub(super) fn starts(
         (start, similarity)
     };
     rotations.into_iter().map(start).collect()
+}
+
+/// Orthogonal matrices of determinant `sign` that take the first direction to the second, evenly turned about it.
+pub(super) fn upright([from, to]: &[Vector; 2], sign: f64) -> Vec<(AlignmentStart, Similarity)> {
+    let (frame, image) = (right_handed(from), right_handed(to));
+    let turned = |k: usize| {
+        let about = Rotation3::new(Vector::z() * (2.0 * PI * k as f64 / UPRIGHT_TURNS as f64));
+        let mirror = Matrix3::from_diagonal(&Vector::new(sign, 1.0, 1.0));
+        let similarity = Similarity {
+            rotation: image * about.matrix() * mirror * frame.transpose(),
+            ..Similarity::identity()
+        };
+        (AlignmentStart::Upright, similarity)
+    };
+    (0..UPRIGHT_TURNS).map(turned).collect()
+}
+
+/// A rotation whose last column has this direction.
+fn right_handed(direction: &Vector) -> Matrix3 {
+    let z = direction.normalize();
+    let x = z.cross(&Vector::ith(z.iamin(), 1.0)).normalize();
+    Matrix3::from_columns(&[x, z.cross(&x), z])
 }
 
 /// The 24 signed permutation matrices of determinant `sign`.
