@@ -57,6 +57,7 @@ pub mod files;
 pub mod fit;
 pub mod geometry;
 pub mod hexmesh;
+pub mod intrinsic;
 pub mod inverse;
 #[cfg(feature = "io")]
 pub mod io;

@@ -15,7 +15,7 @@ use faer::{Conj, MatMut, Par, Side, Spec};
 const PARTS: usize = 4;
 
 /// A factorisation whose ordering and pattern are kept while the values change.
-pub(super) struct Cholesky {
+pub(crate) struct Cholesky {
     pattern: SymbolicSparseColMat<u32>,
     symbolic: SymbolicCholesky<u32>,
     factor: Vec<f64>,
@@ -24,7 +24,7 @@ pub(super) struct Cholesky {
 
 /// The factorisation does not fit into memory.
 #[derive(Debug)]
-pub(super) struct OutOfMemory;
+pub(crate) struct OutOfMemory;
 
 impl std::fmt::Debug for Cholesky {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -39,7 +39,7 @@ impl std::fmt::Debug for Cholesky {
 impl Cholesky {
     /// Prepares for matrices whose lower triangle has, in column `j`, entries in the sorted rows
     /// `rows[begin[j]..begin[j + 1]]`.
-    pub(super) fn new(begin: Vec<u32>, rows: Vec<u32>) -> Result<Self, OutOfMemory> {
+    pub(crate) fn new(begin: Vec<u32>, rows: Vec<u32>) -> Result<Self, OutOfMemory> {
         let count = begin.len() - 1;
         let pattern = SymbolicSparseColMat::new_checked(count, count, begin, None, rows);
         let params = CholeskySymbolicParams::default();
@@ -59,12 +59,12 @@ impl Cholesky {
         })
     }
 
-    pub(super) fn unknowns(&self) -> usize {
+    pub(crate) fn unknowns(&self) -> usize {
         self.pattern.nrows()
     }
 
     /// Factors the matrix with these entries in the order of the pattern. False when it is not positive definite.
-    pub(super) fn factor(&mut self, values: &[f64]) -> bool {
+    pub(crate) fn factor(&mut self, values: &[f64]) -> bool {
         // NaN would pass the check of the pivots.
         if values.iter().any(|value| !value.is_finite()) {
             return false;
@@ -82,7 +82,7 @@ impl Cholesky {
     }
 
     /// Solves in place for up to three right-hand sides, one after the other, with the last factorisation.
-    pub(super) fn solve(&mut self, columns: &mut [f64]) {
+    pub(crate) fn solve(&mut self, columns: &mut [f64]) {
         let rows = self.unknowns();
         if rows == 0 {
             return;
@@ -90,6 +90,19 @@ impl Cholesky {
         let columns = MatMut::from_column_major_slice_mut(columns, rows, columns.len() / rows);
         let factor = LltRef::new(&self.symbolic, &self.factor);
         factor.solve_in_place_with_conj(Conj::No, columns, parallelism(), MemStack::new(&mut self.scratch));
+    }
+
+    /// As [`Self::solve`], for any number of right-hand sides and from several threads at once: allocates what it needs.
+    pub(crate) fn solve_shared(&self, columns: &mut [f64]) {
+        let rows = self.unknowns();
+        if rows == 0 {
+            return;
+        }
+        let count = columns.len() / rows;
+        let columns = MatMut::from_column_major_slice_mut(columns, rows, count);
+        let factor = LltRef::new(&self.symbolic, &self.factor);
+        let mut scratch = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(count, Par::Seq));
+        factor.solve_in_place_with_conj(Conj::No, columns, Par::Seq, MemStack::new(&mut scratch));
     }
 }
 

@@ -18,11 +18,12 @@ mod rest_shape;
 mod ring_kernel;
 mod spherical_embedding;
 
+pub(crate) use cholesky::Cholesky;
 #[cfg(test)]
 pub(crate) use distortion_energy::tangents;
 pub(crate) use distortion_energy::{DistortionEnergy, ElementDerivatives, EnergyWeights, Objective};
 pub use embedding_check::{EmbeddingCheck, check_embedding};
-pub(crate) use hierarchy::Hierarchy;
+pub(crate) use hierarchy::{Hierarchy, VertexRings};
 pub use locate::Locator;
 pub use map_to_sphere::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
 pub(crate) use moebius::Moebius;
