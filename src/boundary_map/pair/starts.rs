@@ -1,13 +1,21 @@
 //! Where the search for an embedding starts from: soft targets by shape in space, by intrinsic shape, or by a map that is
 //! given.
 
-use super::alignment::{align_by_landmarks, align_with_progress};
+use super::alignment::{align_by_landmarks, align_with_progress, is_upright};
 use super::embedder::SoftTargets;
 use super::report::{PairPhase, PairStartKind};
 use super::targets::{VertexTarget, vertex_targets};
 use super::{AlignmentSurface, PairError, PairMapping};
-use crate::geometry::{Similarity, SurfaceQuery};
+use crate::geometry::{Similarity, SurfaceQuery, similarity};
+use crate::intrinsic::{Correspondence, IntrinsicShape, correspondences};
 use crate::spherical::SphericalEmbedding;
+use crate::{Point, Vector};
+
+/// Eigenfunctions of intrinsic correspondences, and the most correspondences that are tried.
+const MODES: usize = 100;
+const MOST_CORRESPONDENCES: usize = 3;
+/// Weight of the soft target of an extremity, over the largest of others.
+const EXTREMITY_WEIGHT: f64 = 30.0;
 
 /// Soft targets that the embeddings of the domain start from.
 pub(super) struct Start {
@@ -66,9 +74,52 @@ impl PairMapping<'_> {
         Ok((starts, warnings))
     }
 
-    /// Soft targets by intrinsic correspondences.
-    fn intrinsic_starts(&self, _target: &SphericalEmbedding) -> Vec<Start> {
-        Vec::new()
+    /// Soft targets by intrinsic correspondences; none where the surfaces have none.
+    fn intrinsic_starts(&self, target: &SphericalEmbedding) -> Vec<Start> {
+        let proceed = || self.reporter.should_improve();
+        let step = |done| {
+            // A cancellation takes effect by `proceed`.
+            let _ = self.reporter.send(PairPhase::Intrinsic { done, of: 2 });
+        };
+        step(0);
+        let shape = |surface| IntrinsicShape::new(surface, MODES, &proceed);
+        let (Some(from), Some(to)) = rayon::join(|| shape(self.domain), || shape(self.target)) else {
+            return vec![];
+        };
+        step(1);
+        let pairs = self.landmarks.pairs();
+        let mut found = correspondences(&from, &to, target, pairs, MOST_CORRESPONDENCES, &proceed);
+        if let Some(up) = &self.options.up {
+            found.retain(|correspondence| self.is_upright(correspondence, up));
+        }
+        let direction = |w: u32| target.directions()[w as usize];
+        let starts = found.iter().flat_map(|correspondence| {
+            let soft_target = |&(w, weight): &(u32, f64)| (direction(w), weight);
+            let soft_targets = correspondence
+                .targets
+                .iter()
+                .map(|found| found.as_ref().map(soft_target));
+            let intrinsic = Start {
+                kind: PairStartKind::Intrinsic,
+                soft_targets: soft_targets.collect(),
+            };
+            let mut soft_targets = intrinsic.soft_targets.clone();
+            for &[v, w] in &correspondence.extremities {
+                soft_targets[v as usize] = Some((direction(w), EXTREMITY_WEIGHT));
+            }
+            let kind = PairStartKind::Extremities;
+            [intrinsic, Start { kind, soft_targets }]
+        });
+        starts.collect()
+    }
+
+    /// Whether the best rotation between corresponding points takes one direction roughly to the other.
+    fn is_upright(&self, correspondence: &Correspondence, up: &[Vector; 2]) -> bool {
+        let pairs = self.domain.vertices().iter().zip(&correspondence.targets);
+        let pairs =
+            pairs.filter_map(|(p, found)| found.map(|(w, weight)| (*p, self.target.vertices()[w as usize], weight)));
+        let pairs: Vec<(Point, Point, f64)> = pairs.collect();
+        similarity(&pairs, 1.0, None).is_none_or(|found| is_upright(&found.rotation, up))
     }
 
     /// The images of the vertices under the map that is given: bit for bit its directions where the target's embedding is
@@ -82,7 +133,7 @@ impl PairMapping<'_> {
             return Some(domain.directions().iter().map(|x| Some((*x, 1.0))).collect());
         }
         let query = SurfaceQuery::new(self.target).ok()?;
-        let soft_target = |image: &crate::Point| {
+        let soft_target = |image: &Point| {
             let place = query.closest_point(image).surface_point();
             Some((target.direction(&place), 1.0))
         };
