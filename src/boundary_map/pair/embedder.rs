@@ -98,10 +98,16 @@ const COARSE: AlternationLimits = AlternationLimits {
     most_rounds: 3,
     least_decrease: 1e-3,
 };
-/// Limits at the end, tight enough that the result does not depend on the alignment it started from.
+/// The same on fine levels, where the last rounds follow soon.
+const FINE: AlternationLimits = AlternationLimits {
+    most_rounds: 2,
+    least_decrease: 1e-3,
+};
+const FINE_VERTICES: usize = 3000;
+/// Limits at the end.
 const LAST: AlternationLimits = AlternationLimits {
-    most_rounds: 30,
-    least_decrease: 1e-5,
+    most_rounds: 15,
+    least_decrease: 1e-4,
 };
 /// Weight of an unmet pin, over that of a soft target.
 const PIN_WEIGHT: f64 = 30.0;
@@ -232,7 +238,8 @@ impl DomainEmbedder<'_> {
             }
             map.locate(embedding);
             map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
-            *energy = self.improve(embedding, &mut map, pinned, &COARSE, &|_| ());
+            let limits = if vertices < FINE_VERTICES { &COARSE } else { &FINE };
+            *energy = self.improve(embedding, &mut map, pinned, limits, &|_| ());
             if meets {
                 *energy = self.meet_pins(embedding, &mut map, pinned, *energy);
             }

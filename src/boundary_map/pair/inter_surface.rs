@@ -31,6 +31,11 @@ const SAMPLES_PER_TRIANGLE: usize = 4;
 /// image.
 const FEWEST_SAMPLES: usize = 4;
 const LEAST_AREA_RATIO: f64 = 1.5;
+/// Vertices per task of a sweep.
+const LEAST_SWEPT: usize = 64;
+const UNCOLOURED: u8 = u8::MAX;
+/// Share of the fall that the slope predicts from which a longer step is tried.
+const NEARLY_LINEAR: f64 = 0.6;
 /// Area ratios are capped here.
 const MOST_AREA_RATIO: f64 = 100.0;
 
@@ -72,6 +77,11 @@ pub(crate) struct InterSurfaceMap<'a> {
     /// images count as that much larger, so that the energy draws vertices onto the protrusion. Keys start with the
     /// lowest vertex.
     protrusions: HashMap<[u32; 3], f64>,
+    /// The triangles of each inserted vertex and each of its neighbours in turn, as of the last search for protrusions.
+    stars: Vec<SmallVec<[DomainTriangle; 8]>>,
+    /// Colours of the inserted vertices, such that neighbours differ, and their number: as of then.
+    colours: Vec<u8>,
+    colour_count: usize,
     /// Springs of vertices, part of the energy.
     pub springs: BTreeMap<u32, Spring>,
 }
@@ -118,6 +128,11 @@ impl<'a> InverseEmbedding<'a> {
         self.image(x, 0).point / self.scale
     }
 
+    /// Diagonal of the target.
+    pub fn diagonal(&self) -> f64 {
+        self.target.surface().diagonal()
+    }
+
     /// The ratio of lengths on the target, scaled, to those on the sphere around a direction: the root of the ratio of the
     /// areas of the triangle there.
     pub fn length_ratio(&self, x: &Vector) -> f64 {
@@ -158,11 +173,14 @@ impl<'a> InterSurfaceMap<'a> {
             area_scale: 1.0,
             images: vec![VertexImage::default(); domain.vertices().len()],
             protrusions: HashMap::new(),
+            stars: vec![SmallVec::new(); domain.vertices().len()],
+            colours: vec![0; domain.vertices().len()],
+            colour_count: 0,
             springs: BTreeMap::new(),
         }
     }
 
-    /// Finds the triangles that cover protrusions of the target.
+    /// Finds the triangles that cover protrusions of the target. To be called before vertices are moved.
     pub fn find_protrusions(&mut self, embedding: &PartialEmbedding) {
         self.protrusions.clear();
         let triangles = embedding.rings.triangles();
@@ -192,6 +210,33 @@ impl<'a> InterSurfaceMap<'a> {
                 self.protrusions.insert(*t, (area / straight).min(MOST_AREA_RATIO));
             }
         }
+        for &v in &embedding.inserted {
+            let ring = embedding.rings.of(v);
+            let next = ring.iter().cycle().skip(1);
+            let star = ring
+                .iter()
+                .zip(next)
+                .map(|(&r, &next)| self.domain_triangle([v, r, next]));
+            self.stars[v as usize] = star.collect();
+        }
+        self.colour(embedding);
+    }
+
+    /// Colours vertices greedily in the order of their insertion.
+    fn colour(&mut self, embedding: &PartialEmbedding) {
+        self.colour_count = 0;
+        embedding
+            .inserted
+            .iter()
+            .for_each(|&v| self.colours[v as usize] = UNCOLOURED);
+        for &v in &embedding.inserted {
+            let ring = embedding.rings.of(v);
+            let is_free = |colour: &u8| ring.iter().all(|&r| self.colours[r as usize] != *colour);
+            // A vertex of very high valence may find none: then it is not swept.
+            let colour = (0..UNCOLOURED).find(is_free).unwrap_or(UNCOLOURED);
+            self.colours[v as usize] = colour;
+            self.colour_count = self.colour_count.max(colour as usize + 1);
+        }
     }
 
     /// Whether any triangle covers a protrusion.
@@ -217,15 +262,28 @@ impl<'a> InterSurfaceMap<'a> {
         }
     }
 
-    /// Moves each of these vertices, unless it is fixed, once to a direction where its triangles have less energy.
+    /// Moves each of these vertices, unless it is fixed, once to a direction where its triangles have less energy. Vertices of
+    /// one colour have no edges between them and move at the same time.
     pub fn sweep(&mut self, embedding: &mut PartialEmbedding, vertices: &[u32], is_fixed: &dyn Fn(u32) -> bool) {
-        let mut star = VertexStar::new();
+        let mut of_colour = vec![Vec::new(); self.colour_count];
         for &v in vertices.iter().filter(|&&v| !is_fixed(v)) {
-            self.gather(embedding, v, &mut star);
-            let x = embedding.directions[v as usize];
-            if let Some((x, image)) = self.better_place(&x, &self.images[v as usize], &star, self.springs.get(&v)) {
-                embedding.directions[v as usize] = x;
-                self.images[v as usize] = image;
+            if let Some(group) = of_colour.get_mut(self.colours[v as usize] as usize) {
+                group.push(v);
+            }
+        }
+        for group in of_colour {
+            let moved = |star: &mut VertexStar, &v: &u32| {
+                self.gather(embedding, v, star);
+                let x = embedding.directions[v as usize];
+                self.better_place(&x, &self.images[v as usize], star, self.springs.get(&v))
+            };
+            let chunks = group.par_iter().with_min_len(LEAST_SWEPT);
+            let moved: Vec<Option<(Vector, VertexImage)>> = chunks.map_init(VertexStar::new, moved).collect();
+            for (&v, moved) in group.iter().zip(moved) {
+                if let Some((x, image)) = moved {
+                    embedding.directions[v as usize] = x;
+                    self.images[v as usize] = image;
+                }
             }
         }
     }
@@ -233,21 +291,23 @@ impl<'a> InterSurfaceMap<'a> {
     /// Vertices whose triangles have more than `limit` times the energy of an isometry, with their neighbours;
     /// ascending.
     pub fn distorted(&self, embedding: &PartialEmbedding, limit: f64) -> Vec<u32> {
-        let mut found = Vec::new();
-        let mut star = VertexStar::new();
-        for &v in &embedding.inserted {
-            self.gather(embedding, v, &mut star);
+        let is_distorted = |star: &mut VertexStar, &v: &u32| {
+            self.gather(embedding, v, star);
             let area: f64 = star.iter().map(|corner| corner.triangle.rest.area).sum();
             let value = self.value(
                 &embedding.directions[v as usize],
                 &self.images[v as usize].point,
-                &star,
+                star,
                 None,
             );
-            if value.is_none_or(|value| value > limit * area) {
-                found.push(v);
-                found.extend_from_slice(embedding.rings.of(v));
-            }
+            value.is_none_or(|value| value > limit * area)
+        };
+        let inserted = embedding.inserted.par_iter().with_min_len(LEAST_SWEPT);
+        let is_distorted: Vec<bool> = inserted.map_init(VertexStar::new, is_distorted).collect();
+        let mut found = Vec::new();
+        for (&v, _) in embedding.inserted.iter().zip(is_distorted).filter(|(_, is)| *is) {
+            found.push(v);
+            found.extend_from_slice(embedding.rings.of(v));
         }
         found.sort_unstable();
         found.dedup();
@@ -258,14 +318,15 @@ impl<'a> InterSurfaceMap<'a> {
     fn gather(&self, embedding: &PartialEmbedding, v: u32, star: &mut VertexStar) {
         let ring = embedding.rings.of(v);
         star.clear();
-        star.extend(ring.iter().enumerate().map(|(i, &r)| {
-            let next = ring[(i + 1) % ring.len()];
-            RingCorner {
-                direction: embedding.directions[r as usize],
-                image: self.images[r as usize].point,
-                triangle: self.domain_triangle([v, r, next]),
-            }
-        }));
+        star.extend(
+            ring.iter()
+                .zip(&self.stars[v as usize])
+                .map(|(&r, triangle)| RingCorner {
+                    direction: embedding.directions[r as usize],
+                    image: self.images[r as usize].point,
+                    triangle: *triangle,
+                }),
+        );
     }
 
     /// Mean energy over the domain's area, 1 for an isometry, with that of the springs.
@@ -364,8 +425,13 @@ impl<'a> InterSurfaceMap<'a> {
             }
             share *= 0.4;
         }
-        // Newton's steps out of a narrow triangle are far too short: lengthen them while the energy falls.
+        // Newton's steps out of a narrow triangle are far too short: lengthen them while the energy falls, where it fell
+        // nearly as its slope says. By the quadratic model it falls by half of that.
+        let slope = gradient.dot(&step).abs();
         while let Some((value, _)) = best {
+            if before - value < NEARLY_LINEAR * share * slope {
+                break;
+            }
             share *= 2.5;
             match step_to(share) {
                 Some(farther) if farther.0 < value && share < 1e3 => best = Some(farther),

@@ -54,23 +54,21 @@ use search::{RankedEmbedding, SearchStep, best_of_starts};
 use starts::Start;
 
 /// Schedules to compare: which one ends best differs from pair to pair.
-const SCHEDULES: [SoftTargetSchedule; 6] = [
+const SCHEDULES: [SoftTargetSchedule; 3] = [
     SoftTargetSchedule::new(1.0, 60),
-    SoftTargetSchedule::new(1.0, 200),
     SoftTargetSchedule::new(10.0, 60),
-    SoftTargetSchedule::new(10.0, 200),
     SoftTargetSchedule::new(100.0, 60),
-    SoftTargetSchedule::new(100.0, 200),
 ];
 /// Schedules with landmarks: met from the beginning, or when the coarse embedding is nearly done.
-const SCHEDULES_WITH_LANDMARKS: [SoftTargetSchedule; 6] = [
+const SCHEDULES_WITH_LANDMARKS: [SoftTargetSchedule; 5] = [
     SoftTargetSchedule::new(1.0, 60),
-    SoftTargetSchedule::new(10.0, 200),
     SoftTargetSchedule::new(100.0, 60),
-    SoftTargetSchedule::new(1.0, 60).with_landmarks_from(1500),
-    SoftTargetSchedule::new(10.0, 200).with_landmarks_from(1500),
-    SoftTargetSchedule::new(100.0, 60).with_landmarks_from(1500),
+    SoftTargetSchedule::new(1.0, 60).with_landmarks_from(LATE_LANDMARKS),
+    SoftTargetSchedule::new(10.0, 60).with_landmarks_from(LATE_LANDMARKS),
+    SoftTargetSchedule::new(100.0, 60).with_landmarks_from(LATE_LANDMARKS),
 ];
+/// Number of vertices from which landmarks are met late: those of the first step that counts which of them are missed.
+const LATE_LANDMARKS: usize = 1600;
 /// Schedules for solids in the same place: those taken for polycubes of voxels, where strong pulls can be trusted.
 const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(1.0, 60),
@@ -79,47 +77,15 @@ const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(100.0, 800),
 ];
 /// Where coarse embeddings are compared: of all starts at first, then of the better ones.
-const STEPS: [SearchStep; 4] = [
-    SearchStep {
-        vertices: 200,
-        most_of_start: 4,
-        most: 24,
-        most_energy_ratio: 1.6,
-    },
-    SearchStep {
-        vertices: 400,
-        most_of_start: 2,
-        most: 6,
-        most_energy_ratio: 1.3,
-    },
-    SearchStep {
-        vertices: 1600,
-        most_of_start: 1,
-        most: 2,
-        most_energy_ratio: 1.1,
-    },
-    SearchStep {
-        vertices: 4000,
-        most_of_start: 1,
-        most: 1,
-        most_energy_ratio: 1.0,
-    },
+const STEPS: [SearchStep; 5] = [
+    SearchStep::new(100, 3, 20, 1.6),
+    SearchStep::new(200, 2, 12, 1.4),
+    SearchStep::new(400, 2, 6, 1.3),
+    SearchStep::new(LATE_LANDMARKS, 1, 2, 1.15),
+    SearchStep::new(4000, 1, 1, 1.0),
 ];
 /// The same for solids in the same place.
-const STEPS_IN_PLACE: [SearchStep; 2] = [
-    SearchStep {
-        vertices: 1600,
-        most_of_start: 2,
-        most: 2,
-        most_energy_ratio: 1.1,
-    },
-    SearchStep {
-        vertices: 4000,
-        most_of_start: 1,
-        most: 1,
-        most_energy_ratio: 1.0,
-    },
-];
+const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
 /// Maps are alternatives to each other when their images of vertices are this far apart in the mean, as a fraction of the
 /// target's diagonal.
 const DISTINCT: f64 = 0.05;
@@ -253,13 +219,12 @@ impl PairMapping<'_> {
         self.require_landmarks(&after)?;
         let alternatives = self.distinct(&inverse, best, others);
         if let [first, ..] = alternatives[..]
-            && first.0.candidate.energy <= AS_GOOD * best.candidate.energy
+            && first.0.energy_ratio(best) <= AS_GOOD
         {
             warnings.push(format!(
-                "another map is nearly as good (energy {:.3}, this one {:.3}), as of symmetric bodies: look at the \
+                "another map is nearly as good (its energy was {:.3} times this one's), as of symmetric bodies: look at the \
                  alternatives, or give landmarks if it is not the one that you want",
-                ISOMETRY_ENERGY * first.0.candidate.energy,
-                ISOMETRY_ENERGY * best.candidate.energy
+                first.0.energy_ratio(best)
             ));
         }
         let mut others = Vec::new();
@@ -280,7 +245,7 @@ impl PairMapping<'_> {
                 .iter()
                 .map(|(other, distance)| PairAlternative {
                     kind: starts[other.start].kind,
-                    energy: ISOMETRY_ENERGY * other.candidate.energy,
+                    energy_ratio: other.energy_ratio(best),
                     distance: *distance,
                 })
                 .collect(),
@@ -358,15 +323,7 @@ impl PairMapping<'_> {
         others: &'b [RankedEmbedding],
     ) -> Vec<(&'b RankedEmbedding, f64)> {
         let diagonal = self.target.diagonal();
-        let distance = |a: &RankedEmbedding, b: &RankedEmbedding| {
-            let (a, b) = (&a.candidate.embedding, &b.candidate.embedding);
-            let common = a.inserted.len().min(b.inserted.len());
-            let apart = |&v: &u32| {
-                let images = [a, b].map(|of| inverse.position(&of.directions[v as usize]));
-                (images[0] - images[1]).norm()
-            };
-            a.inserted[..common].iter().map(apart).sum::<f64>() / (common as f64 * diagonal)
-        };
+        let distance = |a: &RankedEmbedding, b: &RankedEmbedding| a.distance(b, inverse) / diagonal;
         let mut kept: Vec<(&RankedEmbedding, f64)> = Vec::new();
         for other in others.iter().filter(|other| other.candidate.energy.is_finite()) {
             let from_best = distance(other, best);

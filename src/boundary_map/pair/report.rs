@@ -79,7 +79,7 @@ pub struct PairReport {
     pub starts: Vec<PairStart>,
     /// Index of the start that was taken; 0 with [`PairMethod::Conformal`].
     pub start: usize,
-    /// Other maps that the starts led to, the least energy first: those whose images of vertices are, in the mean, more than a
+    /// Other maps that the starts led to, the most promising first: those whose images of vertices are, in the mean, more than a
     /// twentieth of the target's diagonal from this one's.
     pub alternatives: Vec<PairAlternative>,
     /// Correlation of the area distortions under each rotation of the spheres, best first. Empty with
@@ -140,8 +140,9 @@ pub struct PairStart {
 pub struct PairAlternative {
     /// What its soft targets came from.
     pub kind: PairStartKind,
-    /// Mean symmetric Dirichlet energy of its coarse embedding.
-    pub energy: f64,
+    /// Mean symmetric Dirichlet energy of its coarse embedding over that of the map that was taken, when both had as many
+    /// vertices.
+    pub energy_ratio: f64,
     /// Mean distance of its images of vertices from those of the map that was taken, as a fraction of the target's diagonal.
     pub distance: f64,
 }

@@ -9,16 +9,28 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::embedder::{DomainEmbedder, EmbeddingCandidate, SoftTargetSchedule, SoftTargets};
+use super::inter_surface::InverseEmbedding;
 use super::report::PairPhase;
 
 /// A number of vertices at which embeddings are compared, and which of them get more.
 pub(crate) struct SearchStep {
     pub vertices: usize,
-    /// Most embeddings that continue, of each start and of all.
-    pub most_of_start: usize,
+    /// Most embeddings that continue, of those with nearly the same map, and of all.
+    pub most_alike: usize,
     pub most: usize,
     /// Those continue whose energy is at most this times the least.
     pub most_energy_ratio: f64,
+}
+
+impl SearchStep {
+    pub const fn new(vertices: usize, most_alike: usize, most: usize, most_energy_ratio: f64) -> Self {
+        Self {
+            vertices,
+            most_alike,
+            most,
+            most_energy_ratio,
+        }
+    }
 }
 
 /// An embedding with what it came from.
@@ -28,10 +40,42 @@ pub(crate) struct RankedEmbedding {
     /// Index of its start.
     pub start: usize,
     pub schedule: SoftTargetSchedule,
+    /// Its energy at each of the steps that it took part in.
+    pub energies: Vec<f64>,
+}
+
+/// Maps are alike when their images of vertices are this close in the mean, as a fraction of the target's diagonal.
+const ALIKE: f64 = 0.03;
+
+impl RankedEmbedding {
+    /// The mean distance of the images of the vertices that both have.
+    pub fn distance(&self, other: &Self, inverse: &InverseEmbedding) -> f64 {
+        let embeddings = [self, other].map(|ranked| &ranked.candidate.embedding);
+        let common = embeddings
+            .map(|embedding| embedding.inserted.len())
+            .into_iter()
+            .min()
+            .unwrap_or(0);
+        let apart = |&v: &u32| {
+            let [a, b] = embeddings.map(|embedding| inverse.position(&embedding.directions[v as usize]));
+            (a - b).norm()
+        };
+        let inserted = &self.candidate.embedding.inserted[..common];
+        inserted.iter().map(apart).sum::<f64>() / common as f64
+    }
+
+    /// Its energy over that of another when both had as many vertices.
+    pub fn energy_ratio(&self, other: &Self) -> f64 {
+        let common = self.energies.len().min(other.energies.len());
+        match common.checked_sub(1) {
+            Some(last) => self.energies[last] / other.energies[last],
+            None => f64::NAN,
+        }
+    }
 }
 
 /// The best embedding that each start led to, the best first: that has at least as many vertices as the last step, the others
-/// as many as it took to see that they are worse.
+/// as many as it took to see that they are worse, or the same map.
 pub(crate) fn best_of_starts(
     embedder: &DomainEmbedder,
     starts: &[&SoftTargets],
@@ -44,8 +88,10 @@ pub(crate) fn best_of_starts(
             candidate: embedder.tetrahedron(starts[start]),
             start,
             schedule,
+            energies: vec![],
         })
         .collect();
+    let diagonal = embedder.inverse.diagonal();
     let mut given_up: Vec<RankedEmbedding> = Vec::new();
     for step in steps {
         ranked = refined(embedder, starts, ranked, step.vertices);
@@ -64,30 +110,27 @@ pub(crate) fn best_of_starts(
         let Some(best) = ranked.first().map(rating) else { break };
         let mut kept: Vec<RankedEmbedding> = Vec::new();
         for embedding in std::mem::take(&mut ranked) {
-            let of_start = kept.iter().filter(|other| other.start == embedding.start).count();
+            let alike = kept
+                .iter()
+                .filter(|other| embedding.distance(other, embedder.inverse) < ALIKE * diagonal);
             let (missed, energy) = rating(&embedding);
             let is_good = missed == best.0 && energy <= step.most_energy_ratio * best.1;
-            if kept.len() < step.most && of_start < step.most_of_start && is_good {
+            if kept.len() < step.most && is_good && alike.count() < step.most_alike {
                 kept.push(embedding);
-            } else if of_start == 0 && given_up.iter().all(|other| other.start != embedding.start) {
+            } else {
                 given_up.push(embedding);
             }
         }
-        // A start that continues is not given up.
-        given_up.retain(|other| kept.iter().all(|embedding| embedding.start != other.start));
         ranked = kept;
         if embedder.reporter.should_conclude() {
             break;
         }
     }
-    given_up.sort_by(|a, b| a.candidate.energy.total_cmp(&b.candidate.energy));
-    let mut best: Vec<RankedEmbedding> = Vec::new();
-    for embedding in ranked.into_iter().chain(given_up) {
-        if best.iter().all(|other| other.start != embedding.start) {
-            best.push(embedding);
-        }
-    }
-    best
+    // Those that were given up last came farthest.
+    ranked.extend(given_up.into_iter().rev());
+    let mut is_first = vec![true; starts.len()];
+    ranked.retain(|embedding| std::mem::replace(&mut is_first[embedding.start], false));
+    ranked
 }
 
 /// All embeddings with at least so many vertices, but those for which rounding leaves no place.
@@ -98,26 +141,20 @@ fn refined(
     vertices: usize,
 ) -> Vec<RankedEmbedding> {
     let (done, of) = (AtomicUsize::new(0), ranked.len());
-    let refine = |RankedEmbedding {
-                      candidate,
-                      start,
-                      schedule,
-                  }: RankedEmbedding| {
-        let mut candidate = embedder.refine(candidate, starts[start], &schedule, vertices, &|_, _| ())?;
+    let refine = |mut ranked: RankedEmbedding| {
+        let RankedEmbedding { start, schedule, .. } = ranked;
+        let mut candidate = embedder.refine(ranked.candidate, starts[start], &schedule, vertices, &|_, _| ())?;
         // A small surface has all its vertices before its schedule starts to minimise the distortion.
         if !candidate.energy.is_finite() {
             embedder.finish(&mut candidate, &|_| ());
         }
+        ranked.energies.push(candidate.energy);
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         // A cancellation takes effect in the refinements.
         let _ = embedder
             .reporter
             .send(PairPhase::CoarseEmbeddings { vertices, done, of });
-        Some(RankedEmbedding {
-            candidate,
-            start,
-            schedule,
-        })
+        Some(RankedEmbedding { candidate, ..ranked })
     };
     ranked.into_par_iter().filter_map(refine).collect()
 }

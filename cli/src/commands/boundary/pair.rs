@@ -177,9 +177,9 @@ fn summary(report: &PairSummary) -> String {
         rows.push([
             if i == 0 { "other maps".into() } else { String::new() },
             format!(
-                "by {}, energy {:.2}, {} % of the diagonal away in the mean{written}",
+                "by {}, energy {:.2} times this one's, {} % of the diagonal away in the mean{written}",
                 start_words(other.kind),
-                other.energy,
+                other.energy_ratio,
                 significant(100.0 * other.distance, 2)
             ),
         ]);
