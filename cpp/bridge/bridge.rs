@@ -83,6 +83,12 @@ pub(super) mod ffi {
 
     struct PairOptions {
         conformal: bool,
+        /// 0 where landmarks are met exactly.
+        landmarks_weight: f64,
+        /// Both zero where they are not known.
+        domain_up: [f64; 3],
+        target_up: [f64; 3],
+        most_stretched: f64,
         aligned: bool,
         improve: bool,
     }
@@ -92,6 +98,9 @@ pub(super) mod ffi {
         angle_p99: f64,
         area_median: f64,
         area_p99: f64,
+        stretched: f64,
+        looks_wrong: bool,
+        landmark_error: f64,
         seconds: f64,
         warnings: Vec<String>,
     }

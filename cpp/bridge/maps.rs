@@ -8,7 +8,7 @@ use super::bridge::ffi::Watcher;
 use super::error::{Category, Error, guarded};
 use super::meshes::{Surface, boxed, name_of, whole, whole_points};
 use super::{flat, path};
-use solidmap::Matrix3;
+use solidmap::{Matrix3, Vector};
 use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
@@ -111,6 +111,7 @@ pub fn boundary_pair(
         let pairs = whole::<u32, 2>("vertices of landmarks", landmarks)?.to_vec();
         let landmarks = Landmarks::new(pairs, domain.0.vertices().len(), target.0.vertices().len())
             .map_err(|error| Error::invalid(error.to_string()))?;
+        let up = [options.domain_up, options.target_up].map(Vector::from);
         let options = PairOptions {
             method: if options.conformal {
                 PairMethod::Conformal
@@ -118,6 +119,9 @@ pub fn boundary_pair(
                 PairMethod::SoftTargets
             },
             landmarks,
+            landmarks_weight: (options.landmarks_weight != 0.0).then_some(options.landmarks_weight),
+            up: (up != [Vector::zeros(); 2]).then_some(up),
+            most_stretched: options.most_stretched,
             aligned: options.aligned,
             improve: options.improve,
             ..PairOptions::default()
@@ -130,6 +134,9 @@ pub fn boundary_pair(
             angle_p99: angle.p99,
             area_median: area.p50,
             area_p99: area.p99,
+            stretched: found.stretch.share,
+            looks_wrong: found.stretch.looks_wrong(),
+            landmark_error: found.landmark_error,
             seconds: found.timings.total,
             warnings: found.warnings,
         };

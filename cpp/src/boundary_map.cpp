@@ -26,7 +26,8 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
   ffi::PairReport found = {};
   BoundaryMap map = watched(progress, [&](const Watcher& watcher) {
     const Span<const std::array<std::uint32_t, 2>> landmarks(options.landmarks);
-    const ffi::PairOptions how = {options.conformal, options.aligned, options.improve};
+    const ffi::PairOptions how = {options.conformal, options.landmarks_weight, options.domain_up, options.target_up,
+                                  options.most_stretched, options.aligned, options.improve};
     return make_boundary(
         ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), how, watcher, found));
   });
@@ -35,6 +36,9 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
     report->angle_p99 = found.angle_p99;
     report->area_median = found.area_median;
     report->area_p99 = found.area_p99;
+    report->stretched = found.stretched;
+    report->looks_wrong = found.looks_wrong;
+    report->landmark_error = found.landmark_error;
     report->seconds = found.seconds;
     report->warnings = copied(found.warnings);
   }

@@ -40,8 +40,15 @@ struct PairOptions {
   std::vector<std::array<std::uint32_t, 2>> landmarks;
   /// Whether the surfaces are matched by conformal maps to the sphere, as in Li et al. 2007, instead of by shape.
   bool conformal = false;
-  /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought; with three
-  /// landmarks or more, and `conformal`, none is sought by shape anyway.
+  /// 0: landmarks are met exactly. Otherwise they are soft: one that is a tenth of the root of the target's area off costs as
+  /// much as a mean distortion that is higher by this many percent.
+  double landmarks_weight = 0;
+  /// Directions of the domain and of the target that correspond roughly, within 60°; both zero: not known.
+  Point domain_up = {0, 0, 0}, target_up = {0, 0, 0};
+  /// Share of the domain's area above which the map looks wrong when it is stretched or compressed over 10 times there.
+  double most_stretched = 0.01;
+  /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought. `conformal` seeks
+  /// none by shape anyway.
   bool aligned = false;
   /// Whether the distortion of the map is lowered once it is found.
   bool improve = true;
@@ -52,6 +59,12 @@ struct PairReport {
   /// Quantiles over the area of σ₁/σ₂, 1 where angles are kept, and of max(σ₁σ₂, 1/σ₁σ₂), 1 where areas are kept;
   /// σ₁ ≥ σ₂ are the singular values of the Jacobian from surface to surface.
   double angle_median = 0, angle_p99 = 0, area_median = 0, area_p99 = 0;
+  /// Share of the domain's area that is stretched or compressed over 10 times, and whether that is so much that the map is
+  /// probably wrong: a limb in the wrong place.
+  double stretched = 0;
+  bool looks_wrong = false;
+  /// The largest distance of the image of a landmark from where it is to be, as a fraction of the target's diagonal.
+  double landmark_error = 0;
   /// Wall-clock seconds.
   double seconds = 0;
   std::vector<std::string> warnings;

@@ -335,6 +335,17 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
                                              [&](const Progress&) { return ++calls > 0; }, &report);
   CHECK(calls > 3);
   CHECK(report.angle_median >= 1.0);
+  CHECK(report.stretched < 0.01);
+  CHECK_FALSE(report.looks_wrong);
+  PairOptions soft;
+  soft.landmarks = {{0, 5}, {3, 60}};
+  soft.landmarks_weight = 10.0;
+  soft.domain_up = {0, 0, 1};
+  soft.target_up = {0, 1, 0};
+  BoundaryMap::pair(cube, shapes::sphere(1.0, 2), soft, {}, &report);
+  CHECK(report.landmark_error > 0.0);
+  soft.landmarks_weight = -1.0;
+  CHECK(thrown_by([&] { BoundaryMap::pair(cube, shapes::sphere(1.0, 2), soft); }) == "invalid_input");
   CHECK(pair.target().vertices().size() == 162);
   CHECK(pair.inverse().domain().vertices().size() == 162);
   CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");

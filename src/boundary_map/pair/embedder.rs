@@ -116,7 +116,7 @@ const PIN_WEIGHT: f64 = 30.0;
 const PIN_STIFFNESS: f64 = 10.0;
 const STIFFENING: f64 = 4.0;
 /// Rounds of meeting pins on a level.
-const MOST_PIN_ROUNDS: usize = 12;
+const MOST_PIN_ROUNDS: usize = 8;
 /// Limits while pins are being met.
 const MEETING: AlternationLimits = AlternationLimits {
     most_rounds: 1,
@@ -241,7 +241,7 @@ impl DomainEmbedder<'_> {
             let limits = if vertices < FINE_VERTICES { &COARSE } else { &FINE };
             *energy = self.improve(embedding, &mut map, pinned, limits, &|_| ());
             if meets {
-                *energy = self.meet_pins(embedding, &mut map, pinned, *energy);
+                *energy = self.meet_pins(embedding, &mut map, pinned, *energy, false);
             }
             progress(vertices, *energy);
         })?;
@@ -257,7 +257,7 @@ impl DomainEmbedder<'_> {
         };
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
         map.locate(&candidate.embedding);
-        candidate.energy = self.meet_pins(&mut candidate.embedding, &mut map, &mut candidate.pinned, f64::INFINITY);
+        candidate.energy = self.meet_pins(&mut candidate.embedding, &mut map, &mut candidate.pinned, f64::INFINITY, true);
         candidate
     }
 
@@ -279,7 +279,7 @@ impl DomainEmbedder<'_> {
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
         map.locate(embedding);
         map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
-        *energy = self.meet_pins(embedding, &mut map, pinned, *energy);
+        *energy = self.meet_pins(embedding, &mut map, pinned, *energy, true);
         *energy = self.improve(embedding, &mut map, pinned, &LAST, progress);
     }
 
@@ -293,24 +293,36 @@ impl DomainEmbedder<'_> {
 
     /// Meets the pins, with springs that become stiffer until no triangle is in the way: a penalty method. Returns the
     /// energy, which is `energy` when all were met before. The springs that are left are those never released.
+    ///
+    /// With `releases`, pins that were met give way again if some cannot be met between them.
     fn meet_pins(
         &self,
         embedding: &mut PartialEmbedding,
         map: &mut InterSurfaceMap,
         pinned: &mut [bool],
         mut energy: f64,
+        releases: bool,
     ) -> f64 {
+        let rounds = if releases { 2 * MOST_PIN_ROUNDS } else { MOST_PIN_ROUNDS };
         let mut stiffness = PIN_STIFFNESS;
-        for _ in 0..MOST_PIN_ROUNDS {
+        for round in 0..rounds {
+            self.move_pins(embedding, pinned);
+            map.locate(embedding);
             if pinned.iter().all(|&is| is) || !self.reporter.should_continue() {
                 break;
             }
-            self.move_pins(embedding, pinned);
-            map.locate(embedding);
+            if round >= MOST_PIN_ROUNDS {
+                pinned.fill(false);
+            }
             stiffness *= STIFFENING;
+            if round == MOST_PIN_ROUNDS {
+                stiffness = PIN_STIFFNESS;
+            }
             map.springs = self.springs_of_unmet(pinned, stiffness);
             energy = self.improve(embedding, map, pinned, &MEETING, &|_| ());
         }
+        self.move_pins(embedding, pinned);
+        map.locate(embedding);
         map.springs = self.springs.clone();
         energy
     }

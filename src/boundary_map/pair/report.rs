@@ -183,6 +183,12 @@ pub enum PairError {
     /// Landmark curves are not paths on these solids.
     #[error(transparent)]
     Curves(#[from] CurveError),
+    /// A weight is not a positive number.
+    #[error("the weight of landmarks is {0}; give a positive number, or none for landmarks that are met exactly")]
+    Weight(f64),
+    /// A direction that points up has no length.
+    #[error("the directions that point up are no directions: one is zero or not finite")]
+    Up,
     /// No bijection was found that meets all landmarks.
     #[error(
         "{} of {landmarks} landmarks cannot be met without inverting triangles, the first is pair {}, counted from 0 \
