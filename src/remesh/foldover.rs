@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::hex_corners::{CornerPenalty, HexCorners};
 use super::lbfgs::DescentEnergy;
 use super::quality::{HEX_AXES, HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_gradients};
+use super::tet_lanes::{TetEnergies, TetLanes};
 use crate::simd::Instructions;
 use crate::{Matrix3, Point, Vector};
 
@@ -27,13 +28,8 @@ pub(crate) struct FoldoverEnergy {
 
 #[derive(Debug)]
 enum ReferenceCells {
-    Tets {
-        corners: Vec<[u32; 4]>,
-        /// Inverse of the matrix of reference edges, scaled so that the mean determinant of all maps is 1.
-        rest: Vec<Matrix3>,
-        /// Weights in the energy, with sum 1.
-        weights: Vec<f64>,
-    },
+    /// With reference edges scaled so that the mean determinant of all maps is 1, and weights of sum 1.
+    Tets(TetLanes),
     /// Corners of hexahedra, relative to those of boxes.
     Hexes {
         corners: Vec<[u32; 8]>,
@@ -51,7 +47,7 @@ pub(super) const LAMBDA: f64 = 1.0;
 /// Scaled Jacobian below which a tetrahedron is not used as a reference: far below that of cells that are thin on
 /// purpose.
 pub(super) const SLIVER: f64 = 2e-3;
-/// Cells per task.
+/// Cells per task, a multiple of the lanes.
 const RUN: usize = 2048;
 
 /// The energy, the least determinant and how many are not positive.
@@ -89,14 +85,9 @@ impl FoldoverEnergy {
         // Scales the reference to the volume of the image.
         let scale = length_or_one((volume.abs() / total).cbrt());
         let inverse = |e: &Matrix3| e.try_inverse().unwrap_or_else(Matrix3::identity) / scale;
-        Self::new(
-            ReferenceCells::Tets {
-                corners: tets.to_vec(),
-                rest: shapes.iter().map(inverse).collect(),
-                weights: volumes.iter().map(|v| v / total).collect(),
-            },
-            reference.len(),
-        )
+        let rest = shapes.iter().map(inverse).collect();
+        let weights = volumes.iter().map(|v| v / total).collect();
+        Self::of_weighted_tets(tets.to_vec(), rest, weights, reference.len())
     }
 
     /// Hexahedra relative to cubes, over `nodes` nodes.
@@ -121,7 +112,7 @@ impl FoldoverEnergy {
 
     /// Tetrahedra with these weights, over `nodes` nodes; `rest` are the inverse matrices of the reference edges.
     pub fn of_weighted_tets(corners: Vec<[u32; 4]>, rest: Vec<Matrix3>, weights: Vec<f64>, nodes: usize) -> Self {
-        Self::new(ReferenceCells::Tets { corners, rest, weights }, nodes)
+        Self::new(ReferenceCells::Tets(TetLanes::new(corners, &rest, &weights)), nodes)
     }
 
     /// Hexahedra relative to boxes of these edge lengths, over `nodes` nodes.
@@ -159,10 +150,9 @@ impl FoldoverEnergy {
     /// Determinants of all maps, 1 in the mean.
     pub fn determinants(&self, x: &[Point]) -> Vec<f64> {
         match &self.cells {
-            ReferenceCells::Tets { corners, rest, .. } => corners
-                .par_iter()
-                .zip(rest)
-                .map(|(t, rest)| (edges(t.map(|v| x[v as usize])) * rest).determinant())
+            ReferenceCells::Tets(tets) => (0..tets.corners.len())
+                .into_par_iter()
+                .map(|t| tets.jacobian(t, x).determinant())
                 .collect(),
             ReferenceCells::Hexes { corners, scales, .. } => corners
                 .par_iter()
@@ -235,19 +225,27 @@ impl DescentEnergy for FoldoverEnergy {
         gradient: &mut [Vector],
     ) -> EnergyValue {
         parts.resize(self.uses.len(), Vector::zeros());
-        let per_cell = self.cells.corners();
+        let per_run = RUN * self.cells.corners();
+        let sum_at = |parts: &[Vector], (gradient, v): (&mut Vector, &u32)| {
+            let range = self.starts[*v as usize] as usize..self.starts[*v as usize + 1] as usize;
+            let mut sum = Vector::zeros();
+            self.uses[range].iter().for_each(|&i| sum += parts[i as usize]);
+            *gradient = sum;
+        };
+        if parts.len() <= per_run {
+            // To share out so little takes longer than it does.
+            let value = self.cells.evaluate(0, x, epsilon, parts);
+            gradient.iter_mut().zip(free).for_each(|node| sum_at(parts, node));
+            return value;
+        }
         // Runs of fixed length, added in order: the result does not depend on the number of threads.
         let values: Vec<EnergyValue> = parts
-            .par_chunks_mut(RUN * per_cell)
+            .par_chunks_mut(per_run)
             .enumerate()
             .map(|(run, parts)| self.cells.evaluate(run * RUN, x, epsilon, parts))
             .collect();
-        let parts: &[Vector] = parts;
         let nodes = gradient.par_iter_mut().zip(free).with_min_len(512);
-        nodes.for_each(|(gradient, &v)| {
-            let range = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
-            *gradient = self.uses[range].iter().map(|&i| parts[i as usize]).sum();
-        });
+        nodes.for_each(|node| sum_at(parts, node));
         let mut sum = EnergyValue::NONE;
         for value in values {
             sum.energy += value.energy;
@@ -328,7 +326,7 @@ impl ReferenceCells {
     /// The corners of all cells, one after the other.
     fn flat(&self) -> &[u32] {
         match self {
-            Self::Tets { corners, .. } => corners.as_flattened(),
+            Self::Tets(tets) => tets.corners.as_flattened(),
             Self::Hexes { corners, .. } => corners.as_flattened(),
         }
     }
@@ -336,7 +334,7 @@ impl ReferenceCells {
     /// Corners per cell.
     fn corners(&self) -> usize {
         match self {
-            Self::Tets { .. } => 4,
+            Self::Tets(_) => 4,
             Self::Hexes { .. } => 8,
         }
     }
@@ -344,14 +342,15 @@ impl ReferenceCells {
     /// The block of the Hessian for a corner of a cell.
     fn block(&self, cell: usize, corner: usize, x: &[Point], epsilon: f64) -> Matrix3 {
         match self {
-            Self::Tets { corners, rest, weights } => {
-                let jacobian = edges(corners[cell].map(|v| x[v as usize])) * rest[cell];
+            Self::Tets(tets) => {
+                let (rest, weight) = tets.reference(cell);
+                let jacobian = edges(tets.corners[cell].map(|v| x[v as usize])) * rest;
                 // Moving the corner by u adds u sᵀ to the Jacobian.
                 let slope = match corner {
-                    0 => -(rest[cell].row_sum().transpose()),
-                    k => rest[cell].row(k - 1).transpose(),
+                    0 => -(rest.row_sum().transpose()),
+                    k => rest.row(k - 1).transpose(),
                 };
-                block_of_jacobian(&jacobian, &slope, epsilon) * weights[cell]
+                block_of_jacobian(&jacobian, &slope, epsilon) * weight
             }
             Self::Hexes {
                 corners,
@@ -387,30 +386,23 @@ impl ReferenceCells {
     /// Evaluates cells from `first` on, as many as there are `parts` for: the derivatives with respect to their
     /// corners.
     fn evaluate(&self, first: usize, x: &[Point], epsilon: f64, parts: &mut [Vector]) -> EnergyValue {
-        let mut value = EnergyValue::NONE;
+        let instructions = Instructions::detect();
         match self {
-            Self::Tets { corners, rest, weights } => {
-                for (i, part) in parts.chunks_exact_mut(4).enumerate() {
-                    let (t, rest) = (corners[first + i], &rest[first + i]);
-                    let jacobian = edges(t.map(|v| x[v as usize])) * rest;
-                    let by_jacobian = value.add(&jacobian, weights[first + i], epsilon);
-                    value.inverted_cells = value.inverted;
-                    // J = E R, so that ∂/∂E = ∂/∂J Rᵀ.
-                    let by_edges = by_jacobian * rest.transpose();
-                    for k in 0..3 {
-                        part[k + 1] = by_edges.column(k).into_owned();
-                    }
-                    part[0] = -(part[1] + part[2] + part[3]);
-                }
-            }
+            Self::Tets(tets) => instructions.run(TetEnergies {
+                tets,
+                first,
+                x,
+                epsilon,
+                parts,
+            }),
             Self::Hexes {
                 corners,
                 scales,
                 inside,
                 penalty,
             } => {
+                let mut value = EnergyValue::NONE;
                 let weight = 1.0 / (8 * corners.len()) as f64;
-                let instructions = Instructions::detect();
                 for (i, part) in parts.chunks_exact_mut(8).enumerate() {
                     let (p, scale) = (corners[first + i].map(|v| x[v as usize]), &scales[first + i]);
                     let inverted = value.inverted;
@@ -450,9 +442,9 @@ impl ReferenceCells {
                     }
                     value.inverted_cells += usize::from(value.inverted > inverted);
                 }
+                value
             }
         }
-        value
     }
 }
 

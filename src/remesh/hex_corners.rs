@@ -1,13 +1,10 @@
-//! The foldover-free energy of the eight corners of hexahedra, in vector instructions: most of the time of a repair of
-//! hexahedra goes here.
+//! The foldover-free energy of the eight corners of hexahedra, one in each lane.
 
-use super::foldover::{EnergyValue, LAMBDA};
+use super::foldover::EnergyValue;
+use super::jacobian_lanes::{Entries, LANES, lane_energy};
 use super::quality::{HEX_AXES, HEX_CORNERS, is_positive};
 use crate::simd::{Computation, Simd};
 use crate::{Matrix3, Point, Vector};
-
-/// For each entry of a 3 × 3 matrix, by columns, its values at the eight corners.
-type Entries = [[f64; 8]; 9];
 
 /// The energy of the corners of one hexahedron, and its gradient.
 pub(super) struct HexCorners<'a> {
@@ -26,7 +23,7 @@ impl Computation for HexCorners<'_> {
 
     #[inline(always)]
     fn run<V: Simd>(self, token: V::Token) {
-        let mut jacobians: Entries = [[0.0; 8]; 9];
+        let mut jacobians: Entries = [[0.0; LANES]; 9];
         for (i, (c, axes)) in HEX_CORNERS.iter().zip(&HEX_AXES).enumerate() {
             let from = &self.nodes[c[0]];
             for k in 0..3 {
@@ -36,50 +33,20 @@ impl Computation for HexCorners<'_> {
                 }
             }
         }
-        let (mut determinants, mut energies) = ([0.0; 8], [0.0; 8]);
-        let mut slopes: Entries = [[0.0; 8]; 9];
-        let splat = [V::splat(token, 0.0), V::splat(token, 0.5), V::splat(token, 1.0)];
-        let [zero, half, one] = splat;
-        let epsilon_squared = V::splat(token, self.epsilon * self.epsilon);
+        let (mut determinants, mut energies) = ([0.0; LANES], [0.0; LANES]);
+        let mut slopes: Entries = [[0.0; LANES]; 9];
         let weight = V::splat(token, self.weight);
-        for first in (0..8).step_by(V::WIDTH) {
-            let mut j = [zero; 9];
+        for first in (0..LANES).step_by(V::WIDTH) {
+            let mut j = [weight; 9];
             for (entry, values) in j.iter_mut().zip(&jacobians) {
                 *entry = V::load(token, &values[first..]);
             }
-            // By columns: b × c, c × a, a × b.
-            let mut cofactors = [zero; 9];
-            for k in 0..3 {
-                let (b, c) = (3 * ((k + 1) % 3), 3 * ((k + 2) % 3));
-                for r in 0..3 {
-                    let (s, t) = ((r + 1) % 3, (r + 2) % 3);
-                    cofactors[3 * k + r] = j[b + s] * j[c + t] - j[b + t] * j[c + s];
-                }
+            let found = lane_energy(token, &j, weight, self.epsilon);
+            for (slope, values) in found.by_jacobian.into_iter().zip(&mut slopes) {
+                slope.store(&mut values[first..]);
             }
-            let det = j[0] * cofactors[0] + j[1] * cofactors[1] + j[2] * cofactors[2];
-            let mut norm = j[0] * j[0];
-            for entry in &j[1..] {
-                norm = entry.mul_add(*entry, norm);
-            }
-            let root = (det * det + epsilon_squared).sqrt();
-            // The sum would cancel where the determinant is negative.
-            let small = half * epsilon_squared / (root - det);
-            let chi = det.if_less(zero, small, half * (det + root));
-            let inverse = one / chi;
-            let slope = chi / root;
-            let third = inverse_cube_root::<V>(token, chi);
-            let shape = third * third;
-            let size = (det * det + one) * inverse;
-            let of_shape = V::splat(token, -2.0 / 3.0) * norm * shape * slope;
-            let of_size = (det + det - size * slope) * V::splat(token, LAMBDA);
-            let by_det = weight * (of_shape + of_size) * inverse;
-            let by_norm = (weight + weight) * shape;
-            for (e, values) in slopes.iter_mut().enumerate() {
-                (j[e] * by_norm + cofactors[e] * by_det).store(&mut values[first..]);
-            }
-            det.store(&mut determinants[first..]);
-            let energy = weight * (norm * shape + V::splat(token, LAMBDA) * size);
-            energy.store(&mut energies[first..]);
+            found.determinant.store(&mut determinants[first..]);
+            found.energy.store(&mut energies[first..]);
         }
         for (i, (c, axes)) in HEX_CORNERS.iter().zip(&HEX_AXES).enumerate() {
             self.value.energy += energies[i];
@@ -95,30 +62,6 @@ impl Computation for HexCorners<'_> {
             }
         }
     }
-}
-
-/// `x^(-1/3)` of positive values, to some 1e-15: a third of the exponent, and two steps of fourth order.
-#[inline(always)]
-fn inverse_cube_root<V: Simd>(token: V::Token, x: V) -> V {
-    /// Makes the first error at most 3.4 %.
-    const OFFSET: u64 = 0x553e_f0ef_d7b0_9cc7;
-    let mut values = [0.0; 8];
-    x.store(&mut values);
-    for value in &mut values[..V::WIDTH] {
-        *value = if (f64::MIN_POSITIVE..1e300).contains(value) {
-            f64::from_bits(OFFSET - value.to_bits() / 3)
-        } else {
-            value.cbrt().recip()
-        };
-    }
-    let mut y = V::load(token, &values);
-    for _ in 0..2 {
-        let error = V::splat(token, 1.0) - x * y * y * y;
-        let third = error.mul_add(V::splat(token, 14.0 / 81.0), V::splat(token, 2.0 / 9.0));
-        let series = error.mul_add(third, V::splat(token, 1.0 / 3.0));
-        y = (y * error).mul_add(series, y);
-    }
-    y
 }
 
 /// What corners of hexahedra cost whose scaled Jacobian is low: `weight` times the square of what it lacks to `bound`.

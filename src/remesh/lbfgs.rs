@@ -188,9 +188,10 @@ impl<'a, Energy: DescentEnergy, Report> Lbfgs<'a, Energy, Report> {
             let mut direction = search_direction(&state.gradient, &memory, preconditioner.as_ref());
             let mut slope = dot(&direction, &state.gradient);
             let descends = slope < 0.0;
-            if !descends {
+            if !descends && !memory.is_empty() {
+                // Rounding errors have spoilt the memory.
                 memory.clear();
-                direction = state.gradient.iter().map(|g| -g).collect();
+                direction = search_direction(&state.gradient, &memory, preconditioner.as_ref());
                 slope = dot(&direction, &state.gradient);
             }
             // The negative gradient is no descent direction at a minimum, nor where it is not finite.
@@ -349,23 +350,58 @@ impl Preconditioner<'_> {
     }
 }
 
-/// The inverse of a positive semi-definite block, with small eigenvalues raised so that there is one.
+/// The inverse of a positive semi-definite block, positive definite: small eigenvalues are raised.
 pub(super) fn inverse_block(block: &Matrix3) -> Matrix3 {
     const RAISED: f64 = 1e-12;
-    let raised = block + Matrix3::identity() * (RAISED * block.trace());
-    raised
-        .try_inverse()
-        .filter(|inverse| inverse.iter().all(|x| x.is_finite()))
-        .unwrap_or_else(Matrix3::identity)
+    /// Ratio of a determinant to a power of the trace above which rounding does not change the sign of an eigenvalue of the
+    /// inverse.
+    const SAFE: f64 = 1e-9;
+    let trace = block.trace();
+    if !(trace > 0.0 && trace.is_finite()) {
+        return Matrix3::identity();
+    }
+    if block.determinant() > SAFE * trace.powi(3) {
+        return block.try_inverse().unwrap_or_else(Matrix3::identity);
+    }
+    // Where cells are squeezed, entries of the inverse would cancel.
+    let eigen = (block / trace).symmetric_eigen();
+    let inverse = eigen.eigenvalues.map(|value| 1.0 / (value.max(RAISED) * trace));
+    let inverse = eigen.eigenvectors * Matrix3::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
+    if inverse.iter().all(|x| x.is_finite()) {
+        inverse
+    } else {
+        Matrix3::identity()
+    }
 }
 
 fn add(to: &mut [Vector], vectors: &[Vector], factor: f64) {
+    if to.len() <= RUN {
+        to.iter_mut()
+            .zip(vectors)
+            .for_each(|(to, vector)| *to += vector * factor);
+        return;
+    }
     let pairs = to.par_iter_mut().zip(vectors).with_min_len(RUN);
     pairs.for_each(|(to, vector)| *to += vector * factor);
 }
 
 fn dot(a: &[Vector], b: &[Vector]) -> f64 {
+    if a.len() <= RUN {
+        return sum_of_products(a, b);
+    }
     let runs = a.par_chunks(RUN).zip(b.par_chunks(RUN));
-    let sum = |(a, b): (&[Vector], &[Vector])| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>();
-    runs.map(sum).collect::<Vec<f64>>().into_iter().sum()
+    runs.map(|(a, b)| sum_of_products(a, b))
+        .collect::<Vec<f64>>()
+        .into_iter()
+        .sum()
+}
+
+fn sum_of_products(a: &[Vector], b: &[Vector]) -> f64 {
+    let mut sums = [0.0; 3];
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..3 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    sums[0] + sums[1] + sums[2]
 }

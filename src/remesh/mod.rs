@@ -16,6 +16,7 @@ mod grid;
 mod hex_corners;
 mod hex_polish;
 mod inversion_causes;
+mod jacobian_lanes;
 pub(crate) mod lbfgs;
 mod own_size;
 mod patches;
@@ -30,6 +31,7 @@ mod shared_coordinates;
 mod slide;
 mod split;
 mod start;
+mod tet_lanes;
 mod worst_places;
 
 use std::ops::ControlFlow;

@@ -25,6 +25,9 @@ pub(super) struct PatchEffort {
     pub most_stalled: usize,
     /// Rings of cells around inverted ones whose nodes move, one pass after the other.
     pub rings: &'static [usize],
+    /// Part of the inverted cells of a large patch below which it is given up: what is left gets smaller patches in the next
+    /// pass.
+    pub few: f64,
 }
 
 impl PatchEffort {
@@ -35,7 +38,8 @@ impl PatchEffort {
             until_positive: true,
         },
         most_stalled: 4,
-        rings: &[2, 3],
+        rings: &[2, 2, 3],
+        few: 0.05,
     };
     pub const SLOW: Self = Self {
         round: StoppingRule {
@@ -45,10 +49,13 @@ impl PatchEffort {
         },
         most_stalled: 8,
         rings: &[2, 3, 4],
+        few: 0.0,
     };
 }
 
 const MAX_ROUNDS: usize = 40;
+/// Cells of a patch that counts as large.
+const LARGE: usize = 3000;
 /// The descent that raises low cells, and how often it is looked at. With this ε even the flattest cells are on the right
 /// side of the barrier.
 const EPSILON: f64 = 1e-12;
@@ -108,13 +115,18 @@ pub(super) fn repair_patches(
 /// Moves inner nodes within a ring of cells around the cells `low`, so that the lowest scaled Jacobian of each patch rises:
 /// the energy grows without bound as a cell gets flat. Of the positions along the way the last are kept in which no cell is
 /// inverted, the patch's least scaled Jacobian is no lower, and no more of its cells are below each of two bounds: then no
-/// more of the whole mesh are. No patch takes more than `most_iterations`. Returns the iterations made, and those that led to positions that were kept.
+/// more of the whole mesh are. No patch takes more than `most_iterations`, in so many `runs`. Returns the iterations made, and
+/// those that led to positions that were kept.
+///
+/// Each run begins with a new preconditioner: the curvature of the energy of a flat cell falls by orders of magnitude as it is
+/// raised.
 pub(super) fn raise_lowest(
     mesh: &BoundedMesh,
     x: &mut [Point],
     low: &[u32],
     bounds: [f64; 2],
     most_iterations: usize,
+    runs: usize,
     monitor: &ProgressSender<(usize, usize)>,
 ) -> (usize, usize) {
     let CellList::Tets(tets) = &mesh.cells else {
@@ -139,12 +151,19 @@ pub(super) fn raise_lowest(
         let mut descent = Lbfgs::new(&local.energy, &local.free, 1.0, monitor);
         descent.has_block_preconditioner = true;
         let rule = StoppingRule {
-            iterations: most_iterations.min(RAISING.iterations),
+            iterations: most_iterations.min(RAISING.iterations).div_ceil(runs.max(1)),
             ..RAISING
         };
-        let (_, iterations) = descent.run_watched(&mut moved, EPSILON, &rule, &mut |iterations, at| {
-            iterations % CHECK_EVERY != 0 || keep(iterations, at)
-        });
+        let mut iterations = 0;
+        for _ in 0..runs {
+            let (_, made) = descent.run_watched(&mut moved, EPSILON, &rule, &mut |made, at| {
+                (iterations + made) % CHECK_EVERY != 0 || keep(iterations + made, at)
+            });
+            iterations += made;
+            if made == 0 {
+                break;
+            }
+        }
         keep(iterations, &moved);
         (local.free_nodes(&kept), iterations, kept_iterations)
     };
@@ -322,7 +341,8 @@ fn repair_patch(local: &LocalPatch, effort: &PatchEffort, monitor: &ProgressSend
         iterations += made;
         least = value.least;
         best.update(value.inverted, &own);
-        if !value.energy.is_finite() {
+        let few_are_left = local.corners.len() > LARGE && (best.inverted as f64) < effort.few * start.inverted as f64;
+        if few_are_left || !value.energy.is_finite() {
             break;
         }
     }

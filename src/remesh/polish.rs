@@ -29,6 +29,8 @@ const PATIENCE: usize = 60;
 /// time.
 const MAX_RAISES: usize = 12;
 const WORTH_RAISING: f64 = 1.05;
+/// In how many runs the descents that raise them are made: if one number does not help any more, the next.
+const RAISING_RUNS: [usize; 2] = [3, 1];
 
 /// What became of the polish.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
@@ -197,7 +199,10 @@ impl Polish<'_> {
 
     /// Raises the tetrahedra below the 1 % quantile in patches of their own, again and again as long as that helps.
     fn raise_lowest(&self, x: &mut [Point], floor: &mut Floor, report: &mut PolishReport) {
+        let mut runs = RAISING_RUNS.into_iter();
+        let mut next = runs.next();
         for _ in 0..MAX_RAISES {
+            let Some(in_runs) = next else { break };
             if !self.monitor.should_continue() {
                 break;
             }
@@ -210,7 +215,15 @@ impl Polish<'_> {
             let rank = low.len().min(ascending.len() - 1);
             let bounds = [ascending[rank.saturating_sub(1)], ascending[rank]];
             let mut raised = x.to_vec();
-            let (iterations, kept) = raise_lowest(self.mesh, &mut raised, &low, bounds, self.iterations, self.monitor);
+            let (iterations, kept) = raise_lowest(
+                self.mesh,
+                &mut raised,
+                &low,
+                bounds,
+                self.iterations,
+                in_runs,
+                self.monitor,
+            );
             report.iterations += iterations;
             let before = *floor;
             if let Some(found) = floor.raised(self.mesh, &raised) {
@@ -219,7 +232,7 @@ impl Polish<'_> {
                 *floor = found;
             }
             if !(floor.least > WORTH_RAISING * before.least || floor.p01 > WORTH_RAISING * before.p01) {
-                break;
+                next = runs.next();
             }
         }
     }
