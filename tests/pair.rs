@@ -7,7 +7,8 @@ use nalgebra::Rotation3;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{
-    Landmarks, PairError, PairMethod, PairOptions, PairReport, PairStartKind, map_pair,
+    LandmarkCurve, Landmarks, PairError, PairMethod, PairOptions, PairReport, PairStartKind, map_pair,
+    map_pair_with_alternatives,
 };
 use solidmap::files;
 use solidmap::io;
@@ -366,6 +367,173 @@ fn real_pairs_are_one_to_one() {
         let median = report.after.symmetric_dirichlet.p50;
         assert!(median < most, "{domain}: {median}");
     }
+}
+
+/// A horse in two poses with the same vertices, so that the true map is known. Its slit and its hole are closed; the vertices of
+/// the target are renumbered, and it is turned.
+fn horse_in_two_poses(folder: &Path, pose: &str) -> (SurfaceMesh, SurfaceMesh, Vec<Point>) {
+    let read = |name: &str| io::read_surface(folder.join("sequences/horse_poses").join(name)).unwrap();
+    let closed = solidmap::check::close_holes(&read("horse_ref.obj"), 64).unwrap().0;
+    let count = closed.vertices().len();
+    let turn = Rotation3::from_euler_angles(2.0, 0.7, -1.1);
+    let turned: Vec<Point> = read(pose).vertices().iter().map(|p| turn * p).collect();
+    assert_eq!(turned.len(), count);
+    // 3499 is a prime that does not divide the number of vertices.
+    let new = |v: u32| (v as usize * 3499 % count) as u32;
+    let mut vertices = vec![Point::origin(); count];
+    for (v, p) in turned.iter().enumerate() {
+        vertices[new(v as u32) as usize] = *p;
+    }
+    let triangles = closed.triangles().iter().map(|t| t.map(new)).collect();
+    (closed, SurfaceMesh::new(vertices, triangles).unwrap(), turned)
+}
+
+#[test]
+fn limbs_in_another_pose_go_to_the_right_limbs() {
+    let Some(folder) = models() else { return };
+    // Alignments in space take the legs of this pose to other legs: the median error is 30 % then.
+    let (domain, target, expected) = horse_in_two_poses(&folder, "horse-06.obj");
+    let (map, report) = pair(&domain, &target, &PairOptions::default());
+    let mut errors: Vec<f64> = map.image().iter().zip(&expected).map(|(p, q)| (p - q).norm()).collect();
+    errors.sort_by(f64::total_cmp);
+    let quantile = |share: f64| errors[(share * errors.len() as f64) as usize] / target.diagonal();
+    // The goals of the issue: 1.5 % and 4.5 %; 0.9 and 2.1 % were measured.
+    assert!(
+        quantile(0.5) < 0.015 && quantile(0.9) < 0.045,
+        "{} {}",
+        quantile(0.5),
+        quantile(0.9)
+    );
+    let kind = report.starts[report.start].kind;
+    assert!(
+        matches!(kind, PairStartKind::Intrinsic | PairStartKind::Extremities),
+        "{kind:?}"
+    );
+    assert!(!report.stretch.looks_wrong(), "{:?}", report.stretch);
+}
+
+#[test]
+fn soft_landmarks_give_way_and_pull_harder_with_more_weight() {
+    let (domain, target) = (lumpy(8), other_lumpy());
+    // To the far side: meeting them costs much.
+    let farthest = |from: usize| {
+        let distance = |v: &u32| (target.vertices()[*v as usize] - domain.vertices()[from]).norm();
+        let all = 0..target.vertices().len() as u32;
+        all.max_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+    };
+    let landmark = |weight: Option<f64>| {
+        let options = PairOptions {
+            landmarks_weight: weight,
+            ..with_landmarks(vec![[7, farthest(7)]], &domain, &target)
+        };
+        pair(&domain, &target, &options).1
+    };
+    let errors = [Some(0.01), Some(1e4), None].map(|weight| landmark(weight).landmark_error);
+    assert!(errors[0] > 2.0 * errors[1] && errors[1] > errors[2], "{errors:?}");
+    assert!(errors[2] < 1e-9, "{errors:?}");
+    let refused = PairOptions {
+        landmarks_weight: Some(0.0),
+        ..PairOptions::default()
+    };
+    assert!(matches!(
+        map_pair(&domain, &target, &refused, &|_| ()),
+        Err(PairError::Weight(_))
+    ));
+}
+
+#[test]
+fn landmark_curves_are_followed() {
+    let (domain, target) = (shapes::sphere(1.0, 10), shapes::sphere(1.0, 13));
+    let nearest = |surface: &SurfaceMesh, to: [f64; 3]| {
+        let distance = |v: &u32| (surface.vertices()[*v as usize] - Point::from(to)).norm();
+        let all = 0..surface.vertices().len() as u32;
+        all.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+    };
+    // A quarter of the equator goes to a meridian.
+    let (x, y, z) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
+    let curve = LandmarkCurve {
+        domain: vec![nearest(&domain, x), nearest(&domain, y)],
+        target: vec![nearest(&target, z), nearest(&target, x)],
+    };
+    let options = PairOptions {
+        curves: vec![curve],
+        ..PairOptions::default()
+    };
+    let (_, report) = pair(&domain, &target, &options);
+    // A rotation takes one to the other but for the zigzag of the paths: an edge is 0.1 long, the diagonal 3.5.
+    assert!(report.landmark_error < 0.03, "{}", report.landmark_error);
+    assert!(report.after.mean_symmetric_dirichlet < 4.2, "{:?}", report.after);
+}
+
+#[test]
+fn a_map_is_improved_from_the_one_that_is_given() {
+    let (domain, target) = (lumpy(8), other_lumpy());
+    let unimproved = PairOptions {
+        improve: false,
+        ..PairOptions::default()
+    };
+    let (first, before) = pair(&domain, &target, &unimproved);
+    let given = PairOptions {
+        start: Some(first.clone()),
+        ..PairOptions::default()
+    };
+    let (_, report) = pair(&domain, &target, &given);
+    assert_eq!(report.starts.len(), 1);
+    assert_eq!(report.starts[0].kind, PairStartKind::Given);
+    assert!(report.after.mean_symmetric_dirichlet < before.after.mean_symmetric_dirichlet);
+}
+
+#[test]
+fn what_is_up_goes_up() {
+    // A body that looks the same from both ends, nearly.
+    let body = shapes::deformed(&shapes::sphere(1.0, 8), |p| {
+        Point::new(0.8 * p.x, 1.1 * p.y + 0.05 * p.z * p.z, 2.0 * p.z)
+    });
+    let target = moved(&body, [0.3, 0.0, 0.0], 1.0, [0.0; 3]);
+    for sign in [1.0, -1.0] {
+        let options = PairOptions {
+            up: Some([Vector::z(), Vector::new(0.0, 0.0, sign)]),
+            ..PairOptions::default()
+        };
+        let (map, _) = pair(&body, &target, &options);
+        let top = (0..body.vertices().len()).max_by(|a, b| body.vertices()[*a].z.total_cmp(&body.vertices()[*b].z));
+        assert!(sign * map.image()[top.unwrap()].z > 1.5);
+    }
+}
+
+#[test]
+fn another_map_of_a_symmetric_body_is_an_alternative_and_there_is_a_warning() {
+    let brick = shapes::deformed(&shapes::cube(1.0, 6), |p| Point::new(1.5 * p.x, 2.2 * p.y, p.z));
+    let options = PairOptions {
+        alternatives: 2,
+        ..PairOptions::default()
+    };
+    let found = map_pair_with_alternatives(
+        &brick,
+        &moved(&brick, [0.2, 0.1, 0.4], 1.0, [0.0; 3]),
+        &options,
+        &|_| (),
+    )
+    .unwrap();
+    assert!(!found.alternatives.is_empty());
+    assert!(
+        found.report.alternatives[0].energy_ratio < 1.03,
+        "{:?}",
+        found.report.alternatives
+    );
+    assert!(
+        found
+            .report
+            .warnings
+            .iter()
+            .any(|warning| warning.contains("nearly as good"))
+    );
+    let apart = found.alternatives[0]
+        .image()
+        .iter()
+        .zip(found.map.image())
+        .map(|(p, q)| (p - q).norm());
+    assert!(apart.sum::<f64>() > 0.05 * brick.diagonal() * brick.vertices().len() as f64);
 }
 
 #[test]

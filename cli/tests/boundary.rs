@@ -139,6 +139,65 @@ fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
 }
 
 #[test]
+fn maps_that_stretch_too_much_end_with_1_and_the_place_is_named() {
+    let place = with_two_solids();
+    let line = "boundary pair domain.obj target.obj -o image.obj --max-stretched 0 --json";
+    let report = json(&place.ends_with(0, line));
+    assert_eq!(report["stretch"]["share"], 0.0);
+    // A needle from a ball: no map keeps lengths.
+    let needle = shapes::deformed(&shapes::sphere(1.0, 6), |p| {
+        Point::new(0.01 * p.x, 0.01 * p.y, 5.0 * p.z)
+    });
+    place.surface("needle.obj", &needle);
+    let output = place.ends_with(1, "boundary pair domain.obj needle.obj -o image.obj");
+    let words = text(&output.stderr);
+    assert!(words.contains("looks wrong") && words.contains("around ("), "{words}");
+    assert!(place.path("image.obj").exists());
+    place.ends_with(0, "boundary pair domain.obj needle.obj -o image.obj --max-stretched 1");
+}
+
+#[test]
+fn starts_curves_directions_and_alternatives_are_given_on_the_command_line() {
+    let place = with_two_solids();
+    place.ends_with(
+        0,
+        "boundary pair domain.obj target.obj -o first.obj --boundary first.safetensors --no-improve",
+    );
+    std::fs::write(place.path("curves.txt"), "0 5 9 > 3 4\n").unwrap();
+    let line = "boundary pair domain.obj target.obj -o image.obj --start first.safetensors --landmark-curves curves.txt \
+                --landmarks pairs.txt --landmarks-weight 5 --boundary way.safetensors --json";
+    let report = json(&place.ends_with(0, line));
+    assert_eq!(report["starts"][0]["kind"], "given");
+    assert!(report["landmark_error"].as_f64().unwrap() > 0.0);
+    let file = files::read_boundary(&place.path("way.safetensors")).unwrap();
+    let roles: Vec<&str> = file.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
+    assert_eq!(roles, ["domain", "target", "landmarks", "landmark_curves", "start"]);
+
+    let line = "boundary pair domain.obj target.obj -o image.obj --domain-up z --target-up=-z --alternatives 1 --json";
+    let report = json(&place.ends_with(0, line));
+    for name in report["written_alternatives"].as_array().unwrap() {
+        assert_eq!(name, "image.2.obj");
+        assert!(place.path("image.2.obj").exists());
+    }
+    for (line, expected) in [
+        ("--domain-up z", "--target-up"),
+        ("--landmarks pairs.txt --landmarks-weight -1", "not a positive number"),
+        ("--max-stretched 2", "not a share"),
+    ] {
+        let output = place.ends_with(2, &format!("boundary pair domain.obj target.obj -o image.obj {line}"));
+        let words = text(&output.stderr);
+        assert!(words.contains(expected), "{words}");
+    }
+    std::fs::write(place.path("curves.txt"), "0 99999 > 3 4\n").unwrap();
+    let output = place.ends_with(
+        2,
+        "boundary pair domain.obj target.obj -o image.obj --landmark-curves curves.txt",
+    );
+    let words = text(&output.stderr);
+    assert!(words.contains("curves.txt") && words.contains("99999"), "{words}");
+}
+
+#[test]
 fn a_fit_to_a_model_is_the_fit_to_the_boundary_file_of_the_pair() {
     let place = with_two_solids();
     place.ends_with(

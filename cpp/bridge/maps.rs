@@ -8,7 +8,6 @@ use super::bridge::ffi::Watcher;
 use super::error::{Category, Error, guarded};
 use super::meshes::{Surface, boxed, name_of, whole, whole_points};
 use super::{flat, path};
-use solidmap::{Matrix3, Vector};
 use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
@@ -18,6 +17,7 @@ use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 use solidmap::spherical::{SphereEnergy, SphereOptions, SpherePhase, map_to_sphere};
+use solidmap::{Matrix3, Vector};
 
 pub struct Boundary(pub BoundaryMap);
 

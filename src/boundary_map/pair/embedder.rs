@@ -257,7 +257,13 @@ impl DomainEmbedder<'_> {
         };
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
         map.locate(&candidate.embedding);
-        candidate.energy = self.meet_pins(&mut candidate.embedding, &mut map, &mut candidate.pinned, f64::INFINITY, true);
+        candidate.energy = self.meet_pins(
+            &mut candidate.embedding,
+            &mut map,
+            &mut candidate.pinned,
+            f64::INFINITY,
+            true,
+        );
         candidate
     }
 
