@@ -145,7 +145,7 @@ fn maps_that_stretch_too_much_end_with_1_and_the_place_is_named() {
     let report = json(&place.ends_with(0, line));
     assert_eq!(report["stretch"]["share"], 0.0);
     // A needle from a ball: no map keeps lengths.
-    let needle = shapes::deformed(&shapes::sphere(1.0, 6), |p| {
+    let needle = shapes::deformed(&shapes::sphere(1.0, 4), |p| {
         Point::new(0.01 * p.x, 0.01 * p.y, 5.0 * p.z)
     });
     place.surface("needle.obj", &needle);
