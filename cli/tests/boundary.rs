@@ -181,7 +181,7 @@ fn starts_curves_directions_and_alternatives_are_given_on_the_command_line() {
     }
     for (line, expected) in [
         ("--domain-up z", "--target-up"),
-        ("--landmarks pairs.txt --landmarks-weight -1", "not a positive number"),
+        ("--landmarks pairs.txt --landmarks-weight=-1", "not a positive number"),
         ("--max-stretched 2", "not a share"),
     ] {
         let output = place.ends_with(2, &format!("boundary pair domain.obj target.obj -o image.obj {line}"));

@@ -88,6 +88,8 @@ const STEPS: [SearchStep; 4] = [
 ];
 /// The same for solids in the same place.
 const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
+/// Vertices of landmark curves that coarse embeddings have.
+const MOST_LATE_OF_CURVES: usize = 40;
 /// Maps are alternatives to each other when their images of vertices are this far apart in the mean, as a fraction of the
 /// target's diagonal.
 const DISTINCT: f64 = 0.05;
@@ -493,7 +495,16 @@ impl PairMapping<'_> {
             let weight = self.options.curves_weight / self.curves.len() as f64 * metric(&to);
             springs.entry(vertex).or_insert(Spring { to, weight });
         }
-        let late: Vec<u32> = pairs.iter().map(|pair| pair[0]).collect();
+        // A few points of the curves are enough for coarse embeddings.
+        let of_curves = self
+            .curves
+            .iter()
+            .step_by(self.curves.len().div_ceil(MOST_LATE_OF_CURVES).max(1));
+        let late = pairs
+            .iter()
+            .map(|pair| pair[0])
+            .chain(of_curves.map(|point| point.vertex));
+        let late: Vec<u32> = late.collect();
         Ok(DomainEmbedder {
             domain: self.domain,
             hierarchy: Hierarchy::new(vertices, self.domain.triangles(), &late).ok_or(TOO_FINE)?,

@@ -51,7 +51,11 @@ impl PairMapping<'_> {
             return Ok((vec![start(&Similarity::identity(), PairStartKind::Aligned)], vec![]));
         }
         let mut starts = Vec::new();
-        let pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
+        let mut pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
+        pairs.extend(self.curves.iter().map(|point| {
+            let place = point.place.position(self.target, self.target.vertices());
+            (self.domain.vertices()[point.vertex as usize], place)
+        }));
         // Landmarks on a line, or fewer than three, say nothing about the rotation.
         let by_landmarks = align_by_landmarks(&from, &to, &pairs).ok();
         if let Some(found) = &by_landmarks {
