@@ -66,7 +66,7 @@ impl IntrinsicTriangulation {
     }
 
     fn flip_to_delaunay(&mut self) {
-        // Of the sides in the queue, those that wait; a flip gives a side to another edge, which then waits in its place.
+        // Whether a side of a triangle is in the queue. After a flip a side belongs to another edge, which takes its place there.
         let mut waits = vec![[true; 3]; self.triangles.len()];
         let mut queue: Vec<u32> = (0..3 * self.triangles.len() as u32).rev().collect();
         let mut left = MOST_FLIPS * queue.len();

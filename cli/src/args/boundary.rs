@@ -167,7 +167,8 @@ impl PairArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ViaKind {
-    /// Align the solids; each vertex is pulled towards the point of the target that it then lies on
+    /// Align the solids, and match their limbs by intrinsic shape; each vertex is pulled towards the point of the target that
+    /// corresponds to it
     Targets,
     /// Map both surfaces conformally to the sphere, and rotate one onto the other
     Conformal,

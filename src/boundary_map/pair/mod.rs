@@ -78,8 +78,8 @@ const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(100.0, 800),
 ];
 /// Where coarse embeddings are compared: of all starts at first, then of the better ones. With 100 vertices their energies do
-/// not tell good ones yet, and of those with nearly the same map several have to continue: on two of eleven poses of a horse
-/// the search ended with wrong limbs otherwise.
+/// not tell good ones yet, and of those with nearly the same map several have to continue: otherwise, of five poses of a horse,
+/// one ended with wrong limbs and one much more distorted.
 const STEPS: [SearchStep; 4] = [
     SearchStep::new(200, 6, 18, 1.5),
     SearchStep::new(400, 3, 6, 1.35),
@@ -107,7 +107,7 @@ const TOO_FINE: PairError = PairError::Sphere {
 
 /// A bijection from the boundary of one solid to that of another.
 ///
-/// Takes some 10 s for 10 000 vertices on two cores. The result is the same for any number of threads.
+/// Takes some 20 s for 8000 vertices with limbs on two cores. The result is the same for any number of threads.
 ///
 /// # Errors
 ///
@@ -182,7 +182,8 @@ pub struct PairMaps {
     pub map: BoundaryMap,
     /// What was done and found.
     pub report: PairReport,
-    /// Other maps, in the order of [`PairReport::alternatives`], as many as were asked for and found.
+    /// Other maps, in the order of [`PairReport::alternatives`], as many as were asked for; fewer where no more were found, or one
+    /// misses a landmark.
     pub alternatives: Vec<BoundaryMap>,
 }
 
@@ -216,14 +217,27 @@ impl PairMapping<'_> {
             done: 0,
             of: soft_targets.len() * schedules.len(),
         })?;
-        let ranked = best_of_starts(&embedder, &soft_targets, schedules, steps);
+        let given = self.given_embedding(&embedder, &starts);
+        let is_given = given.is_some();
+        let ranked = match given {
+            Some(candidate) => vec![RankedEmbedding {
+                candidate,
+                start: 0,
+                schedule: schedules[0],
+                energies: vec![],
+            }],
+            None => best_of_starts(&embedder, &soft_targets, schedules, steps),
+        };
         let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
         let compared = self.elapsed();
 
         let start = &starts[best.start];
-        let before = embedder
-            .by_soft_targets_alone(&start.soft_targets, &best.schedule)
-            .ok_or(TOO_FINE)?;
+        let before = match is_given {
+            true => best.candidate.clone(),
+            false => embedder
+                .by_soft_targets_alone(&start.soft_targets, &best.schedule)
+                .ok_or(TOO_FINE)?,
+        };
         let after = match self.options.improve {
             true => self.completed(&embedder, best, start)?,
             false => before.clone(),
@@ -242,6 +256,9 @@ impl PairMapping<'_> {
         let mut others = Vec::new();
         for (other, _) in alternatives.iter().take(self.options.alternatives) {
             let completed = self.completed(&embedder, other, &starts[other.start])?;
+            if !completed.missed().is_empty() {
+                break;
+            }
             others.push(self.through(&completed, &target)?);
         }
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
@@ -290,6 +307,20 @@ impl PairMapping<'_> {
             Some(given) => Ok(given.clone()),
             None => self.sphere("target", self.target, SphereEnergy::Balanced),
         }
+    }
+
+    /// The embedding of the map that is started from, if that was composed with the embedding of the target that is used here.
+    fn given_embedding(&self, embedder: &DomainEmbedder, starts: &[Start]) -> Option<EmbeddingCandidate> {
+        let [Start { kind, soft_targets }] = starts else {
+            return None;
+        };
+        if *kind != PairStartKind::Given {
+            return None;
+        }
+        let directions = bijective_targets(self.domain, soft_targets)?;
+        let mut candidate = embedder.candidate_at(&directions);
+        candidate.energy = embedder.energy_of(&candidate.embedding);
+        Some(candidate)
     }
 
     fn schedules(&self, embedder: &DomainEmbedder) -> (&'static [SoftTargetSchedule], &'static [SearchStep]) {
@@ -554,9 +585,7 @@ impl PairMapping<'_> {
         soft_targets: &SoftTargets,
         candidate: &mut EmbeddingCandidate,
     ) {
-        let targets = soft_targets.iter().map(|target| target.map(|(to, _)| to));
-        let targets: Option<Vec<Vector>> = targets.collect();
-        let Some(targets) = targets.filter(|x| check_embedding(self.domain.triangles(), x).is_bijective()) else {
+        let Some(targets) = bijective_targets(self.domain, soft_targets) else {
             return;
         };
         let exact = embedder.candidate_at(&targets);
@@ -617,6 +646,13 @@ impl PairMapping<'_> {
         });
         of_pairs.chain(of_curves).fold(0.0, f64::max) / self.target.diagonal()
     }
+}
+
+/// The soft targets as directions, where every vertex has one and they are an embedding.
+fn bijective_targets(domain: &SurfaceMesh, soft_targets: &SoftTargets) -> Option<Vec<Vector>> {
+    let targets = soft_targets.iter().map(|target| target.map(|(to, _)| to));
+    let targets: Option<Vec<Vector>> = targets.collect();
+    targets.filter(|x| check_embedding(domain.triangles(), x).is_bijective())
 }
 
 /// What became of each start.
