@@ -151,6 +151,10 @@ fn place() -> Workplace {
     let cube = shapes::cube(2.0, 6);
     place.surface("cube.ply", &cube);
     place.surface("round.ply", &shapes::projected_to_sphere(&cube, 1.0));
+    place.surface(
+        "needle.ply",
+        &shapes::deformed(&cube, |p| Point::new(0.02 * p.x, 0.02 * p.y, p.z)),
+    );
     let ball = shapes::sphere(1.0, 2);
     place.surface("ball.ply", &ball);
     place.surface("bent.ply", &shapes::deformed(&ball, bent(0.2)));
@@ -214,6 +218,10 @@ fn every_field_of_a_report_is_documented_and_written() {
         (
             "boundary pair",
             "boundary pair ball.ply bent.ply -o q.ply --via conformal",
+        ),
+        (
+            "boundary pair",
+            "boundary pair cube.ply needle.ply -o r.ply --alternatives 2 --max-stretched 1",
         ),
         ("boundary check", "boundary check ball.ply bent.ply"),
         ("boundary check", "boundary check ball.ply folded.ply --target ball.ply"),

@@ -44,7 +44,8 @@ impl Stretch {
             Some((t, largest.max(1.0 / least)))
         });
         let far: Vec<(u32, f64)> = stretched.filter(|(_, stretch)| *stretch > FACTOR).collect();
-        let share = far.iter().map(|(t, _)| area(*t)).sum::<f64>() / total;
+        // The sum of no areas is -0.
+        let share = (0.0 + far.iter().map(|(t, _)| area(*t)).sum::<f64>()) / total;
         let mut places = of_triangles(PlaceKind::Stretched, corners, surface.triangles(), &far, total);
         places.truncate(MOST_PLACES);
         Some(Self {
