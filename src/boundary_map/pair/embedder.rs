@@ -87,6 +87,8 @@ const SWEEPS: usize = 4;
 /// Triangles with more than this times the energy of an isometry are relaxed on their own, this often at most.
 const DISTORTED: f64 = 8.0;
 const MOST_LOCAL_RELAXATIONS: usize = 10;
+/// The same at the end, where rounds are many and a bent triangle costs as much as ten others.
+const LAST_LOCAL_RELAXATIONS: usize = 3;
 /// Newton's method and relaxation alternate: Newton's method moves all vertices together, but only until the first
 /// triangle would invert; relaxation moves the vertices of such triangles away.
 const NEWTON: NewtonOptions = NewtonOptions {
@@ -106,9 +108,12 @@ const FINE: AlternationLimits = AlternationLimits {
 const FINE_VERTICES: usize = 3000;
 /// Limits at the end.
 const LAST: AlternationLimits = AlternationLimits {
-    most_rounds: 15,
-    least_decrease: 1e-4,
+    most_rounds: 10,
+    least_decrease: 2e-3,
 };
+/// Vertices for each landmark that coarse embeddings have more, while soft targets pull, and when landmarks are met late.
+const PULLED_PER_LANDMARK: usize = 3;
+pub(super) const LATE_PER_LANDMARK: usize = 4;
 /// Weight of an unmet pin, over that of a soft target.
 const PIN_WEIGHT: f64 = 30.0;
 /// Energy of the spring of a pin at unit distance on the target, whose area is 4π: first, and from round to round while
@@ -124,6 +129,21 @@ const MEETING: AlternationLimits = AlternationLimits {
 };
 
 impl SoftTargetSchedule {
+    /// The schedule for this many landmarks. They are inserted first: coarse embeddings of little else hardly depend on where
+    /// they start from, and leave no room to meet landmarks.
+    pub(super) fn for_landmarks(self, landmarks: usize) -> Self {
+        let until_vertices = self.until_vertices + PULLED_PER_LANDMARK * landmarks;
+        let landmarks_from = match self.landmarks_from {
+            0 => PULLED_PER_LANDMARK * landmarks,
+            late => late + LATE_PER_LANDMARK * landmarks,
+        };
+        Self {
+            until_vertices,
+            landmarks_from,
+            ..self
+        }
+    }
+
     pub(super) const fn new(strength: f64, until_vertices: usize) -> Self {
         Self {
             strength,
@@ -157,9 +177,9 @@ impl Pins {
         Self { pins, of_vertex }
     }
 
-    /// Whether there are any.
-    pub fn is_empty(&self) -> bool {
-        self.pins.is_empty()
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.pins.len()
     }
 
     fn of(&self, vertex: u32) -> Option<usize> {
@@ -271,6 +291,7 @@ impl DomainEmbedder<'_> {
     pub fn energy_of(&self, embedding: &PartialEmbedding) -> f64 {
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
         map.locate(embedding);
+        map.finds_bent = true;
         map.find_protrusions(embedding);
         map.energy(embedding)
     }
@@ -286,6 +307,8 @@ impl DomainEmbedder<'_> {
         map.locate(embedding);
         map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
         *energy = self.meet_pins(embedding, &mut map, pinned, *energy, true);
+        // On coarse levels nearly all triangles bend, and limbs do not find their places.
+        map.finds_bent = true;
         *energy = self.improve(embedding, &mut map, pinned, &LAST, progress);
     }
 
@@ -311,23 +334,30 @@ impl DomainEmbedder<'_> {
     ) -> f64 {
         let rounds = if releases { 2 * MOST_PIN_ROUNDS } else { MOST_PIN_ROUNDS };
         let mut stiffness = PIN_STIFFNESS;
+        let mut before_release = None;
         for round in 0..rounds {
             self.move_pins(embedding, pinned);
             map.locate(embedding);
             if pinned.iter().all(|&is| is) || !self.reporter.should_continue() {
                 break;
             }
-            if round >= MOST_PIN_ROUNDS {
-                pinned.fill(false);
-            }
             stiffness *= STIFFENING;
             if round == MOST_PIN_ROUNDS {
+                before_release = Some((embedding.clone(), pinned.to_vec(), energy));
+                pinned.fill(false);
                 stiffness = PIN_STIFFNESS;
             }
             map.springs = self.springs_of_unmet(pinned, stiffness);
             energy = self.improve(embedding, map, pinned, &MEETING, &|_| ());
         }
         self.move_pins(embedding, pinned);
+        let missed = |pinned: &[bool]| pinned.iter().filter(|is| !**is).count();
+        if let Some((before, were_pinned, energy_before)) = before_release
+            && missed(&were_pinned) <= missed(pinned)
+        {
+            (*embedding, energy) = (before, energy_before);
+            pinned.copy_from_slice(&were_pinned);
+        }
         map.locate(embedding);
         map.springs = self.springs.clone();
         energy
@@ -439,7 +469,11 @@ impl DomainEmbedder<'_> {
         map: &mut InterSurfaceMap,
         is_fixed: &dyn Fn(u32) -> bool,
     ) {
-        for _ in 0..MOST_LOCAL_RELAXATIONS {
+        let most = match map.finds_bent {
+            true => LAST_LOCAL_RELAXATIONS,
+            false => MOST_LOCAL_RELAXATIONS,
+        };
+        for _ in 0..most {
             let distorted = map.distorted(embedding, DISTORTED);
             if distorted.is_empty() {
                 break;

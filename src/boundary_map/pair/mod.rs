@@ -11,9 +11,11 @@
 //! No step inverts a triangle on the sphere, so the result is a bijection at every point of the surface.
 
 mod alignment;
+mod bent;
 mod curves;
 mod embedder;
 mod inter_surface;
+mod landmark_warp;
 mod landmarks;
 mod options;
 mod oriented_query;
@@ -60,10 +62,10 @@ const SCHEDULES: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(10.0, 200),
     SoftTargetSchedule::new(100.0, 60),
 ];
-/// Schedules with landmarks: met from the beginning, or when the coarse embedding is nearly done.
+/// Schedules with a few landmarks: met from the beginning, with pulls that last, or when the coarse embedding is nearly done.
 const SCHEDULES_WITH_LANDMARKS: [SoftTargetSchedule; 5] = [
-    SoftTargetSchedule::new(1.0, 60),
-    SoftTargetSchedule::new(100.0, 60),
+    SoftTargetSchedule::new(10.0, 400),
+    SoftTargetSchedule::new(100.0, 400),
     SoftTargetSchedule::new(1.0, 60).with_landmarks_from(LATE_LANDMARKS),
     SoftTargetSchedule::new(10.0, 60).with_landmarks_from(LATE_LANDMARKS),
     SoftTargetSchedule::new(100.0, 60).with_landmarks_from(LATE_LANDMARKS),
@@ -84,8 +86,11 @@ const STEPS: [SearchStep; 4] = [
     SearchStep::new(200, 6, 18, 1.5),
     SearchStep::new(400, 3, 6, 1.35),
     SearchStep::new(LATE_LANDMARKS, 2, 2, 1.15),
-    SearchStep::new(4000, 1, 1, 1.0),
+    SearchStep::new(4000, 1, 2, AS_GOOD_COARSE),
 ];
+/// A different map is completed, too, when its energy with 4000 vertices is at most this times the least: then the better one is
+/// taken.
+const AS_GOOD_COARSE: f64 = 1.15;
 /// The same for solids in the same place.
 const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
 /// Vertices of landmark curves that coarse embeddings have.
@@ -226,10 +231,30 @@ impl PairMapping<'_> {
                 schedule: schedules[0],
                 energies: vec![],
             }],
-            None => best_of_starts(&embedder, &soft_targets, schedules, steps),
+            None => best_of_starts(&embedder, &soft_targets, &schedules, &steps),
         };
-        let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
         let compared = self.elapsed();
+        let mut ranked = ranked;
+        let rival = (!is_given && self.options.improve)
+            .then(|| rival(&ranked, &inverse))
+            .flatten();
+        let mut completed = None;
+        if let Some(k) = rival {
+            let of = |k: usize| self.completed(&embedder, &ranked[k], &starts[ranked[k].start]);
+            let both = [of(0)?, of(k)?];
+            let rating = |candidate: &EmbeddingCandidate| (candidate.missed().len(), candidate.energy);
+            let (first, second) = (rating(&both[0]), rating(&both[1]));
+            ranked[0].energies.push(first.1);
+            ranked[k].energies.push(second.1);
+            let [first_completed, second_completed] = both;
+            if second.0 < first.0 || (second.0 == first.0 && second.1 < first.1) {
+                ranked.swap(0, k);
+                completed = Some(second_completed);
+            } else {
+                completed = Some(first_completed);
+            }
+        }
+        let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
 
         let start = &starts[best.start];
         let before = match is_given {
@@ -238,9 +263,10 @@ impl PairMapping<'_> {
                 .by_soft_targets_alone(&start.soft_targets, &best.schedule)
                 .ok_or(TOO_FINE)?,
         };
-        let after = match self.options.improve {
-            true => self.completed(&embedder, best, start)?,
-            false => before.clone(),
+        let after = match (completed, self.options.improve) {
+            (Some(completed), _) => completed,
+            (None, true) => self.completed(&embedder, best, start)?,
+            (None, false) => before.clone(),
         };
         self.require_landmarks(&after)?;
         let alternatives = self.distinct(&inverse, best, others);
@@ -323,13 +349,16 @@ impl PairMapping<'_> {
         Some(candidate)
     }
 
-    fn schedules(&self, embedder: &DomainEmbedder) -> (&'static [SoftTargetSchedule], &'static [SearchStep]) {
-        if !embedder.pins.is_empty() {
-            (&SCHEDULES_WITH_LANDMARKS, &STEPS)
+    /// The schedules to compare, and where they are compared.
+    fn schedules(&self, embedder: &DomainEmbedder) -> (Vec<SoftTargetSchedule>, Vec<SearchStep>) {
+        let landmarks = embedder.pins.len();
+        if landmarks > 0 {
+            let schedules = SCHEDULES_WITH_LANDMARKS.map(|schedule| schedule.for_landmarks(landmarks));
+            (schedules.into(), STEPS.map(|step| step.for_landmarks(landmarks)).into())
         } else if self.options.aligned {
-            (&SCHEDULES_IN_PLACE, &STEPS_IN_PLACE)
+            (SCHEDULES_IN_PLACE.into(), STEPS_IN_PLACE.into())
         } else {
-            (&SCHEDULES, &STEPS)
+            (SCHEDULES.into(), STEPS.into())
         }
     }
 
@@ -653,6 +682,17 @@ fn bijective_targets(domain: &SurfaceMesh, soft_targets: &SoftTargets) -> Option
     let targets = soft_targets.iter().map(|target| target.map(|(to, _)| to));
     let targets: Option<Vec<Vector>> = targets.collect();
     targets.filter(|x| check_embedding(domain.triangles(), x).is_bijective())
+}
+
+/// A map other than the first one that is nearly as good, and that was refined as far.
+fn rival(ranked: &[RankedEmbedding], inverse: &InverseEmbedding) -> Option<usize> {
+    let (best, others) = ranked.split_first()?;
+    let is_rival = |other: &RankedEmbedding| {
+        other.energies.len() == best.energies.len()
+            && other.energy_ratio(best) <= AS_GOOD_COARSE
+            && other.distance(best, inverse) > search::ALIKE * inverse.diagonal()
+    };
+    others.iter().position(is_rival).map(|k| k + 1)
 }
 
 /// What became of each start.

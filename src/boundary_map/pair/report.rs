@@ -115,6 +115,8 @@ pub enum PairStartKind {
     Alignment,
     /// Closest points once the solids are aligned by landmarks.
     Landmarks,
+    /// Closest points once the domain is deformed so that its landmarks come to those of the target.
+    LandmarkWarp,
     /// Intrinsic shape: distances along the surfaces and their eigenfunctions, whatever the pose.
     Intrinsic,
     /// The same, with strong pulls at the extremities.

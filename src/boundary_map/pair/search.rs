@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use super::embedder::{DomainEmbedder, EmbeddingCandidate, SoftTargetSchedule, SoftTargets};
+use super::embedder::{DomainEmbedder, EmbeddingCandidate, LATE_PER_LANDMARK, SoftTargetSchedule, SoftTargets};
 use super::inter_surface::InverseEmbedding;
 use super::report::PairPhase;
 
@@ -31,6 +31,19 @@ impl SearchStep {
             most_energy_ratio,
         }
     }
+
+    /// The step with more vertices for each of so many landmarks.
+    pub fn for_landmarks(self, landmarks: usize) -> Self {
+        let more = match self.vertices {
+            ..400 => 1,
+            400..1600 => 2,
+            _ => LATE_PER_LANDMARK,
+        };
+        Self {
+            vertices: self.vertices + more * landmarks,
+            ..self
+        }
+    }
 }
 
 /// An embedding with what it came from.
@@ -45,7 +58,9 @@ pub(crate) struct RankedEmbedding {
 }
 
 /// Maps are alike when their images of vertices are this close in the mean, as a fraction of the target's diagonal.
-const ALIKE: f64 = 0.03;
+pub(super) const ALIKE: f64 = 0.03;
+/// Embeddings are the same when their energies and images differ by no more than this fraction.
+const ROUNDING: f64 = 1e-9;
 
 impl RankedEmbedding {
     /// The mean distance of the images of the vertices that both have.
@@ -107,8 +122,14 @@ pub(crate) fn best_of_starts(
             let (a, b) = (rating(a), rating(b));
             a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
         });
+        given_up.extend(take_copies(&mut ranked, embedder.inverse));
         let Some(best) = ranked.first().map(rating) else { break };
         let mut kept: Vec<RankedEmbedding> = Vec::new();
+        // Meeting landmarks early costs energy, but late they may be out of reach, and those that are met stay met.
+        let safest = match counts_missed {
+            true => None,
+            false => safest(&ranked, step.vertices).map(|i| ranked.remove(i)),
+        };
         for embedding in std::mem::take(&mut ranked) {
             let alike = kept
                 .iter()
@@ -121,6 +142,7 @@ pub(crate) fn best_of_starts(
                 given_up.push(embedding);
             }
         }
+        kept.extend(safest);
         ranked = kept;
         if embedder.reporter.should_conclude() {
             break;
@@ -131,6 +153,33 @@ pub(crate) fn best_of_starts(
     let mut is_first = vec![true; starts.len()];
     ranked.retain(|embedding| std::mem::replace(&mut is_first[embedding.start], false));
     ranked
+}
+
+/// Takes out embeddings that another start or schedule led to already: they would take the place of others.
+fn take_copies(ranked: &mut Vec<RankedEmbedding>, inverse: &InverseEmbedding) -> Vec<RankedEmbedding> {
+    let (mut own, mut copies): (Vec<RankedEmbedding>, Vec<RankedEmbedding>) = (Vec::new(), Vec::new());
+    for embedding in std::mem::take(ranked) {
+        let energy = embedding.candidate.energy;
+        let equals = |other: &RankedEmbedding| {
+            (other.candidate.energy - energy).abs() <= ROUNDING * energy
+                && embedding.distance(other, inverse) <= ROUNDING * inverse.diagonal()
+        };
+        match own.iter().any(equals) {
+            true => copies.push(embedding),
+            false => own.push(embedding),
+        }
+    }
+    *ranked = own;
+    copies
+}
+
+/// The embedding that misses the fewest landmarks of those whose schedules meet them with so many vertices; the best of them.
+/// Their order is by energy.
+fn safest(ranked: &[RankedEmbedding], vertices: usize) -> Option<usize> {
+    let meets = |i: &usize| ranked[*i].schedule.landmarks_from <= vertices;
+    (0..ranked.len())
+        .filter(meets)
+        .min_by_key(|&i| ranked[i].candidate.missed().len())
 }
 
 /// All embeddings with at least so many vertices, but those for which rounding leaves no place.

@@ -3,6 +3,7 @@
 
 use super::alignment::{align_by_landmarks, align_with_progress, is_upright};
 use super::embedder::SoftTargets;
+use super::landmark_warp::warped;
 use super::report::{PairPhase, PairStartKind};
 use super::targets::{VertexTarget, vertex_targets};
 use super::{AlignmentSurface, PairError, PairMapping};
@@ -16,6 +17,9 @@ const MODES: usize = 100;
 const MOST_CORRESPONDENCES: usize = 3;
 /// Weight of the soft target of an extremity, over the largest of others.
 const EXTREMITY_WEIGHT: f64 = 30.0;
+
+/// Fewest landmarks by which the domain is deformed: a similarity takes three of them close to their places as it is.
+const LEAST_WARPED: usize = 4;
 
 /// Soft targets that the embeddings of the domain start from.
 pub(super) struct Start {
@@ -41,9 +45,9 @@ impl PairMapping<'_> {
     fn starts_by_alignment(&self, target: &SphericalEmbedding) -> Result<(Vec<Start>, Vec<String>), PairError> {
         let from = AlignmentSurface::new(self.domain, "domain")?;
         let to = AlignmentSurface::new(self.target, "target")?;
+        let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
         let start = |similarity: &Similarity, kind| {
             let found = vertex_targets(&from, &to, similarity);
-            let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
             let soft_targets = found.into_iter().map(|found| found.map(direction)).collect();
             Start { kind, soft_targets }
         };
@@ -59,7 +63,18 @@ impl PairMapping<'_> {
         // Landmarks on a line, or fewer than three, say nothing about the rotation.
         let by_landmarks = align_by_landmarks(&from, &to, &pairs).ok();
         if let Some(found) = &by_landmarks {
-            starts.push(start(&found.best[0].similarity, PairStartKind::Landmarks));
+            let similarity = &found.best[0].similarity;
+            starts.push(start(similarity, PairStartKind::Landmarks));
+            let warped = (pairs.len() >= LEAST_WARPED)
+                .then(|| warped(self.domain, similarity, &pairs))
+                .flatten();
+            // A domain that folds into nothing has no frame.
+            if let Some(from) = warped.and_then(|warped| AlignmentSurface::new(&warped, "domain").ok()) {
+                let found = vertex_targets(&from, &to, &Similarity::identity());
+                let kind = PairStartKind::LandmarkWarp;
+                let soft_targets = found.into_iter().map(|found| found.map(direction)).collect();
+                starts.push(Start { kind, soft_targets });
+            }
         }
         let progress = |done, of| {
             // A cancellation takes effect when the alignments are there, in a second or two.

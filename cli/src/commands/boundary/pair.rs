@@ -121,6 +121,7 @@ fn start_words(kind: PairStartKind) -> &'static str {
         PairStartKind::Aligned => "the solids as they lie",
         PairStartKind::Alignment => "alignment",
         PairStartKind::Landmarks => "alignment by landmarks",
+        PairStartKind::LandmarkWarp => "deformation by landmarks",
         PairStartKind::Intrinsic => "intrinsic shape",
         PairStartKind::Extremities => "intrinsic shape and extremities",
         PairStartKind::Given => "the map given",
