@@ -60,7 +60,8 @@ pub(crate) struct EmbeddingCandidate {
     pub embedding: PartialEmbedding,
     /// Which of the pins are met.
     pub pinned: Vec<bool>,
-    /// Mean symmetric Dirichlet energy of the map to the target, 1 for an isometry, with that of springs of pins that are
+    /// Mean symmetric Dirichlet energy of the map to the target, 1 for an isometry and [`MOST_COMPARED`] at most in any
+    /// triangle, with that of springs of pins that are
     /// not met. Infinite while it has only been pulled to soft targets.
     pub energy: f64,
 }
@@ -111,6 +112,9 @@ const LAST: AlternationLimits = AlternationLimits {
     most_rounds: 10,
     least_decrease: 2e-3,
 };
+/// The most energy of a triangle, over that of an isometry, when embeddings are compared: a few triangles that are nearly
+/// degenerate, here and there, would decide otherwise.
+const MOST_COMPARED: f64 = 25.0;
 /// Vertices for each landmark that coarse embeddings have more, while soft targets pull, and when landmarks are met late.
 const PULLED_PER_LANDMARK: usize = 3;
 pub(super) const LATE_PER_LANDMARK: usize = 4;
@@ -263,6 +267,7 @@ impl DomainEmbedder<'_> {
             if meets {
                 *energy = self.meet_pins(embedding, &mut map, pinned, *energy, false);
             }
+            *energy = map.mean_energy(embedding, MOST_COMPARED);
             progress(vertices, *energy);
         })?;
         Some(candidate)
@@ -293,7 +298,7 @@ impl DomainEmbedder<'_> {
         map.locate(embedding);
         map.finds_bent = true;
         map.find_protrusions(embedding);
-        map.energy(embedding)
+        map.mean_energy(embedding, MOST_COMPARED)
     }
 
     /// Lowers the distortion of the map until it has converged. `progress` gets the number of rounds so far.
@@ -309,7 +314,8 @@ impl DomainEmbedder<'_> {
         *energy = self.meet_pins(embedding, &mut map, pinned, *energy, true);
         // On coarse levels nearly all triangles bend, and limbs do not find their places.
         map.finds_bent = true;
-        *energy = self.improve(embedding, &mut map, pinned, &LAST, progress);
+        self.improve(embedding, &mut map, pinned, &LAST, progress);
+        *energy = map.mean_energy(embedding, MOST_COMPARED);
     }
 
     /// The springs that are never released, and one of this stiffness for each pin that is not met.

@@ -384,13 +384,24 @@ impl<'a> InterSurfaceMap<'a> {
 
     /// Mean energy over the domain's area, 1 for an isometry, with that of the springs.
     pub fn energy(&self, embedding: &PartialEmbedding) -> f64 {
+        self.mean_energy(embedding, f64::INFINITY)
+    }
+
+    /// The same, but that no triangle counts with more than `most` times the energy of an isometry.
+    pub fn mean_energy(&self, embedding: &PartialEmbedding, most: f64) -> f64 {
         let mut sum = [0.0; 2];
         for t in embedding.rings.triangles() {
             let triangle = self.domain_triangle(t);
             let images = t.map(|v| &self.images[v as usize]);
             let x = t.map(|v| &embedding.directions[v as usize]);
+            let energy = triangle.energy(self.inverse, x, images);
             sum[0] += triangle.rest.area;
-            sum[1] += triangle.energy(self.inverse, x, images);
+            sum[1] += if energy <= most * triangle.rest.area {
+                energy
+            } else {
+                // Also where the image has no area, and the energy is not defined.
+                most * triangle.rest.area
+            };
         }
         for (&v, spring) in &self.springs {
             sum[1] += spring.energy(&embedding.directions[v as usize]);
