@@ -291,8 +291,11 @@ pub fn value_of(report: &impl serde::Serialize) -> Result<Value, Failure> {
 #[pyo3(from_item_all)]
 pub struct PairArguments {
     landmarks: Vec<[u32; 2]>,
+    /// Instead of the pairs themselves.
+    landmarks_file: Option<PathBuf>,
     landmarks_weight: Option<f64>,
     landmark_curves: Vec<(Vec<u32>, Vec<u32>)>,
+    landmark_curves_file: Option<PathBuf>,
     up: Option<[[f64; 3]; 2]>,
     max_stretched: f64,
     via: String,
@@ -318,15 +321,26 @@ pub fn boundary_pair(
     let (domain, target) = (Arc::clone(&domain.0), Arc::clone(&target.0));
     let start = start.map(|start| start.map().clone());
     run(py, progress, time_limit, move |watch| {
-        let curves = arguments.landmark_curves.into_iter();
+        let vertices = [&domain, &target].map(|surface| surface.vertices().len());
+        let landmarks = match &arguments.landmarks_file {
+            Some(file) => files::read_landmarks(file, vertices[0], vertices[1])?,
+            None => Landmarks::new(arguments.landmarks, vertices[0], vertices[1])?,
+        };
+        let curves = match &arguments.landmark_curves_file {
+            Some(file) => files::read_landmark_curves(file)?,
+            None => {
+                let given = arguments.landmark_curves.into_iter();
+                given.map(|(domain, target)| LandmarkCurve { domain, target }).collect()
+            }
+        };
         let options = PairOptions {
             method: match arguments.via.as_str() {
                 "conformal" => PairMethod::Conformal,
                 _ => PairMethod::SoftTargets,
             },
-            landmarks: Landmarks::new(arguments.landmarks, domain.vertices().len(), target.vertices().len())?,
+            landmarks,
             landmarks_weight: arguments.landmarks_weight,
-            curves: curves.map(|(domain, target)| LandmarkCurve { domain, target }).collect(),
+            curves,
             up: arguments.up.map(|up| up.map(Vector::from)),
             start,
             alternatives: arguments.alternatives,

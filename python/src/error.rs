@@ -19,7 +19,7 @@ use solidmap::cgal_tetgen::CgalTetgenError;
 use solidmap::check::HoleError;
 use solidmap::compare::CompareError;
 use solidmap::energy::{DomainMeshError, EnergyError, QuadratureError};
-use solidmap::files::TensorFileError;
+use solidmap::files::{LandmarkFileError, TensorFileError};
 use solidmap::fit::FitError;
 use solidmap::geometry::QueryError;
 use solidmap::hexmesh::HexmeshError;
@@ -174,6 +174,7 @@ invalid_input!(
     BoundaryMapError,
     BoundaryCheckError,
     LandmarkError,
+    LandmarkFileError,
     HoleError,
     DomainMeshError,
     QuadratureError,
