@@ -141,3 +141,12 @@ module.serve_calls()
 # A crash of either must not end this process. Where Python is part of another program, it cannot be started again.
 if HAS_NATIVE and _sys.executable:
     _native.isolate(_sys.executable, ["-I", "-S", "-c", _WORKER.format(path=_native.__file__)])
+
+
+def __getattr__(name: str) -> object:
+    # Imported when they are first used: they need pyvista, matplotlib or Dask.
+    if name in ("dask", "plot"):
+        from importlib import import_module
+
+        return import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

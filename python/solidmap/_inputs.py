@@ -49,9 +49,12 @@ def path(name: str, value: Any) -> str:
 def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Real numbers as doubles in C order; the very array where it is that already."""
     array = np.asarray(value)
-    if array.dtype.kind not in "fiu":
+    flags = array.flags
+    if array.dtype == np.float64 and flags.c_contiguous and flags.aligned:
+        return array
+    if array.dtype.kind not in "fiu" and array.size:
         raise InvalidTypeError(f"{name} has the dtype {array.dtype}, but must have real numbers")
-    return np.require(array, np.float64, "CA")
+    return np.require(array, np.float64, ["C", "A"])
 
 
 def points(name: str, value: ArrayLike) -> Tuple[NDArray[np.float64], Tuple[int, ...]]:
@@ -102,7 +105,7 @@ def indices(name: str, value: ArrayLike, columns: Tuple[int, ...], most: Optiona
             row = int(np.argmax((array == wrong).any(axis=1)))
             there_are = "" if most is None else f", and there are {most} points, counted from 0"
             raise InvalidInputError(f"{name}[{row}] names point {wrong}{there_are}")
-    return np.require(array, np.uint32, "CA")
+    return np.require(array, np.uint32, ["C", "A"])
 
 
 class SurfaceInput(NamedTuple):
@@ -169,7 +172,7 @@ def _of_cells(name: str, nodes: ArrayLike, corners: ArrayLike, regions: Optional
     numbers = np.asarray(regions)
     if numbers.dtype.kind not in "iu" or numbers.shape != (len(found),):
         raise InvalidInputError(f"the regions of {name} must be {len(found)} integers, one for each cell")
-    return native.Cells(name, array, found, np.require(numbers, np.int32, "CA"))
+    return native.Cells(name, array, found, np.require(numbers, np.int32, ["C", "A"]))
 
 
 def _is_cells(value: Any) -> bool:

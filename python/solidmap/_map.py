@@ -48,7 +48,7 @@ class Preimages(NamedTuple):
         :data:`NOT_FOUND` or :data:`NOT_FINITE`.
     round_trip : ndarray, shape (...)
         The distance from the given point to the preimage's image, over the target's diagonal.
-    count : ndarray of uint32, shape (...)
+    preimages : ndarray of uint32, shape (...)
         How many preimages were found.
     report : InverseReport
         A summary.
@@ -57,7 +57,7 @@ class Preimages(NamedTuple):
     points: NDArray[np.float64]
     status: NDArray[np.uint8]
     round_trip: NDArray[np.float64]
-    count: NDArray[np.uint32]
+    preimages: NDArray[np.uint32]
     report: InverseReport
 
 
@@ -726,13 +726,13 @@ def _carrier(field: Any) -> Tuple[Any, Any, Dict[str, Any], Dict[str, Any]]:
         return points, cells, dict(_by_name(over_points)), dict(_by_name(over_cells))
     if inputs._is_cells(field):
         mesh = inputs.cells("field", field)
-        over_points, over_cells = getattr(field, "point_data", {}), getattr(field, "cell_data", {})
+        of_points, blocks = getattr(field, "point_data", {}), getattr(field, "cell_data", {})
         of_cells = {}
-        for name in over_cells.keys():
-            values = over_cells[name]
+        for name in blocks.keys():
+            values = blocks[name]
             # meshio has a list with an array for each block of cells.
             of_cells[str(name)] = np.concatenate(values) if isinstance(values, list) else np.asarray(values)
-        return mesh.points, mesh.cells, {str(k): np.asarray(over_points[k]) for k in over_points.keys()}, of_cells
+        return mesh.points, mesh.cells, {str(k): np.asarray(of_points[k]) for k in of_points.keys()}, of_cells
     if hasattr(field, "points") and hasattr(field, "point_data"):
         data = {str(name): np.asarray(field.point_data[name]) for name in field.point_data.keys()}
         return inputs.rows_of_points("the points of field", field.points), None, data, {}
@@ -759,7 +759,7 @@ def _fields(
             kind = "vector"
         else:
             kind = "values"
-        found.append((name, columns, np.require(array.ravel(), np.float64, "CA"), kind))
+        found.append((name, columns, np.require(array.ravel(), np.float64, ["C", "A"]), kind))
     return found
 
 

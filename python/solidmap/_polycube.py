@@ -161,7 +161,7 @@ def polycube(
             )
         if numbers.size and not (numbers.min() >= 0 and numbers.max() <= 5):
             raise InvalidInputError("labels must be from 0 to 5, for -x, +x, -y, +y, -z, +z")
-        given = (triangles, np.require(numbers, np.uint8, "CA"))
+        given = (triangles, np.require(numbers, np.uint8, ["C", "A"]))
     with shown(progress) as callback:
         return Polycube(native.polycube_of(surface, cells, arguments, given, callback))
 

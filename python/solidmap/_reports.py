@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import sys
-import typing
 from typing import Any, ClassVar, Dict, List, Optional, Type, TypeVar
 
 from ._text import Rows, percent, significant, table, two_columns
@@ -84,7 +83,7 @@ class Report:
         return table(type(self).__name__, self._rows())
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and self._data == typing.cast("Report", other)._data
+        return isinstance(other, type(self)) and type(other) is type(self) and self._data == other._data
 
     __hash__ = None  # type: ignore[assignment]
 

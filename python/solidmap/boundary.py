@@ -138,7 +138,7 @@ class BoundaryMap:
         if numbers.dtype.kind not in "iu" or numbers.ndim != 1 or (numbers.size and numbers.min() < 0):
             raise InvalidInputError("triangles must be indices of triangles, counted from 0, in one dimension")
         weights = inputs.finite_points("barycentric", barycentric)
-        return self._boundary.evaluate(np.require(numbers, np.uint32, "CA"), weights)
+        return self._boundary.evaluate(np.require(numbers, np.uint32, ["C", "A"]), weights)
 
     def inverse(self) -> BoundaryMap:
         """The map the other way, of one made by :func:`pair`."""

@@ -56,7 +56,9 @@ pub fn rows<'a, T: numpy::Element, const N: usize>(
             "{name} has the shape ({rows}, {columns}), but must be (n, {N})"
         )));
     }
-    let slice = array.as_slice().map_err(|_| Failure::invalid(format!("{name} is not in C order")))?;
+    let is_aligned = array.data().cast_const().is_aligned();
+    let slice = array.as_slice().ok().filter(|_| array.is_c_contiguous() && is_aligned);
+    let slice = slice.ok_or_else(|| Failure::invalid(format!("{name} is not in C order, or not aligned")))?;
     Ok(slice.as_chunks::<N>().0)
 }
 

@@ -18,6 +18,7 @@ pub struct TetArguments {
 
 #[cfg(feature = "native")]
 mod calls {
+    use std::ffi::{c_int, c_void};
     use std::ops::ControlFlow;
     use std::path::PathBuf;
     use std::sync::Arc;
@@ -107,6 +108,23 @@ mod calls {
             arguments,
             time_limit: None,
         }));
+    }
+
+    unsafe extern "C-unwind" {
+        fn solidmap_tetgen_failed(code: c_int);
+    }
+
+    /// `terminatetetgen(tetgenmesh*, int)`, which TetGen calls on an error; its own ends the process, or frees the mesh
+    /// twice. A module of Python exports what Rust marks for it and nothing from C++, so the library's replacement would
+    /// not be found (`src/cgal_tetgen/cpp/tetgen.cpp`).
+    ///
+    /// # Safety
+    ///
+    /// For TetGen to call, with an error's code.
+    #[unsafe(export_name = "_Z15terminatetetgenP10tetgenmeshi")]
+    unsafe extern "C-unwind" fn terminatetetgen(_: *mut c_void, code: c_int) {
+        // SAFETY: it only throws the code.
+        unsafe { solidmap_tetgen_failed(code) }
     }
 
     pub fn serve() -> Result<(), Failure> {
