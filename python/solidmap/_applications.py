@@ -333,7 +333,7 @@ def texture(
         raise InvalidInputError(f"coordinates has the shape {given.shape}, but must be ({triangles}, 3, 2)")
     pixels = None
     if image is not None:
-        pixels = np.asarray(image)
+        pixels = inputs.array_of("image", image)
         if pixels.dtype != np.uint8 or pixels.ndim != 3:
             raise InvalidInputError(
                 f"image has the dtype {pixels.dtype} and the shape {pixels.shape}, but must have bytes, (h, w, 3)"
@@ -341,7 +341,7 @@ def texture(
         pixels = np.ascontiguousarray(pixels[..., :3])
     codes = None
     if colours is not None:
-        array = np.asarray(colours)
+        array = inputs.array_of("colours", colours)
         codes = inputs.finite_points("colours", array / 255.0 if array.dtype == np.uint8 else array)
         if codes.size and not (codes.min() >= -1e-3 and codes.max() <= 1.0 + 1e-3):
             raise InvalidInputError("colours must be from 0 to 1, or bytes")

@@ -46,9 +46,17 @@ def path(name: str, value: Any) -> str:
     return found
 
 
+def array_of(name: str, value: Any) -> NDArray[Any]:
+    """Any array, or an error that names the argument."""
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidTypeError(f"{name} is no array: {error}") from None
+
+
 def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Real numbers as doubles in C order; the very array where it is that already."""
-    array = np.asarray(value)
+    array = array_of(name, value)
     flags = array.flags
     if array.dtype == np.float64 and flags.c_contiguous and flags.aligned:
         return array
@@ -63,9 +71,9 @@ def points(name: str, value: ArrayLike) -> Tuple[NDArray[np.float64], Tuple[int,
     shape = array.shape
     if shape and shape[-1] == 3:
         return (array if array.ndim == 2 else array.reshape(-1, 3)), shape[:-1]
-    if shape and array.size == 0:
+    if shape == (0,) or (len(shape) > 1 and shape[-1] == 0 and 0 in shape[:-1]):
         # ``[]`` and the like have no coordinates that could be counted.
-        return np.empty((0, 3)), (0,) if len(shape) == 1 else shape[:-1]
+        return np.empty((0, 3)), shape[:-1] or (0,)
     raise InvalidInputError(f"{name} has the shape {shape}, but must be (..., 3)")
 
 
@@ -89,7 +97,7 @@ def finite_points(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 def indices(name: str, value: ArrayLike, columns: Tuple[int, ...], most: Optional[int] = None) -> NDArray[np.uint32]:
     """Indices in rows, of any integer type, below ``most``."""
-    array = np.asarray(value)
+    array = array_of(name, value)
     if array.size == 0 and array.ndim < 2:
         array = np.empty((0, columns[0]), np.uint32)
     if array.dtype.kind not in "iu":
@@ -143,6 +151,8 @@ def surface(name: str, value: SurfaceLike, finite: bool = True) -> SurfaceInput:
     if is_path(value):
         file = path(name, value)
         return SurfaceInput(native.Surface.read(file), file)
+    if _is_cells(value):
+        return SurfaceInput(cells(name, value).boundary(), None)
     if isinstance(value, (tuple, list)):
         if len(value) != 2:
             raise InvalidInputError(f"{name} is a {type(value).__name__} of {len(value)}, but must be (vertices, faces)")
@@ -153,14 +163,10 @@ def surface(name: str, value: SurfaceLike, finite: bool = True) -> SurfaceInput:
         if not getattr(value, "is_all_triangles", True) and hasattr(value, "triangulate"):
             value = value.triangulate()
         return SurfaceInput(_of_arrays(name, value.points, _polygons(name, np.asarray(value.faces)), finite), None)
-    if hasattr(value, "points") and hasattr(value, "cells"):
-        if not hasattr(value, "celltypes"):
-            triangles = _meshio_blocks(value, ("triangle",))
-            has_cells = _meshio_blocks(value, ("tetra", "hexahedron"))
-            if triangles and not has_cells:
-                faces = np.concatenate([data for _, data in triangles])
-                return SurfaceInput(_of_arrays(name, value.points, faces, finite), None)
-        return SurfaceInput(cells(name, value).boundary(), None)
+    triangles = _meshio_blocks(value, ("triangle",)) if hasattr(value, "points") and hasattr(value, "cells") else []
+    if triangles:
+        faces = np.concatenate([data for _, data in triangles])
+        return SurfaceInput(_of_arrays(name, value.points, faces, finite), None)
     raise InvalidTypeError(f"{name} is of type {type(value).__name__}, but must be {_WHAT_SURFACES_ARE}")
 
 
@@ -169,7 +175,7 @@ def _of_cells(name: str, nodes: ArrayLike, corners: ArrayLike, regions: Optional
     found = indices(f"the cells of {name}", corners, (4, 8), len(array))
     if regions is None:
         return native.Cells(name, array, found)
-    numbers = np.asarray(regions)
+    numbers = array_of(f"the regions of {name}", regions)
     if numbers.dtype.kind not in "iu" or numbers.shape != (len(found),):
         raise InvalidInputError(f"the regions of {name} must be {len(found)} integers, one for each cell")
     return native.Cells(name, array, found, np.require(numbers, np.int32, ["C", "A"]))
@@ -180,7 +186,7 @@ def _is_cells(value: Any) -> bool:
     if isinstance(value, native.Cells) or isinstance(getattr(value, "_cells", None), native.Cells):
         return True
     if isinstance(value, (tuple, list)) and len(value) == 2:
-        shape = np.shape(value[1])
+        shape = array_of("the second part", value[1]).shape
         return len(shape) == 2 and shape[1] in (4, 8)
     if hasattr(value, "celltypes"):
         return True

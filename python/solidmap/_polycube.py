@@ -153,7 +153,7 @@ def polycube(
         else:
             assert cells is not None
             triangles = _boundary_triangles(cells)
-        numbers = np.asarray(labels)
+        numbers = inputs.array_of("labels", labels)
         if numbers.dtype.kind not in "iu" or numbers.shape != (len(triangles),):
             raise InvalidInputError(
                 f"labels has the dtype {numbers.dtype} and the shape {numbers.shape}, but must have {len(triangles)} "

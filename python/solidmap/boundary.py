@@ -134,7 +134,7 @@ class BoundaryMap:
         >>> boundary([0], [[1, 0, 0]]).shape
         (1, 3)
         """
-        numbers = np.asarray(triangles)
+        numbers = inputs.array_of("triangles", triangles)
         if numbers.dtype.kind not in "iu" or numbers.ndim != 1 or (numbers.size and numbers.min() < 0):
             raise InvalidInputError("triangles must be indices of triangles, counted from 0, in one dimension")
         weights = inputs.finite_points("barycentric", barycentric)

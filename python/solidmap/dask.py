@@ -179,8 +179,6 @@ def _run(
 ) -> Dict[Any, int]:
     """Runs the tasks that have no row yet, and adds the rows as they end; returns the order of all tasks."""
     from distributed import as_completed
-    from distributed.client import FutureCancelledError
-    from distributed.scheduler import KilledWorker
 
     has_row = {row["case"] for row in rows.rows}
     order: Dict[Any, int] = {}
@@ -206,7 +204,8 @@ def _run(
             name = waiting.pop(future.key)
             try:
                 row = future.result()
-            except (KilledWorker, FutureCancelledError, Exception) as error:
+            except Exception as error:
+                # The worker was killed too often, or the scheduler lost the task.
                 row = {"case": name, "error": str(error) or repr(error), "error_type": type(error).__name__}
             rows.add(row)
             if on_row is not None:

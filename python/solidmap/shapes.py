@@ -6,6 +6,7 @@ from typing import Sequence
 
 from . import _solidmap as native
 from ._errors import InvalidInputError
+from ._inputs import array_of
 from ._meshes import Surface
 from ._options import count, number
 
@@ -79,9 +80,12 @@ def polycube(cubes: Sequence[Sequence[int]], divisions: int = 4) -> Surface:
     >>> solidmap.shapes.polycube([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 2).volume
     3.0
     """
-    places = [[int(x) for x in place] for place in cubes]
-    if not places or any(len(place) != 3 or max(map(abs, place)) > _MOST_DIVISIONS for place in places):
-        raise InvalidInputError(f"cubes must be positions (x, y, z) of integers, of at most {_MOST_DIVISIONS}")
+    array = array_of("cubes", cubes)
+    if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != 3 or not len(array):
+        raise InvalidInputError(f"cubes has the dtype {array.dtype} and the shape {array.shape}, but must be integers (n, 3)")
+    if int(array.max()) > _MOST_DIVISIONS or int(array.min()) < -_MOST_DIVISIONS:
+        raise InvalidInputError(f"cubes has positions beyond {_MOST_DIVISIONS}")
+    places = array.tolist()
     found = _divisions("divisions", divisions)
     if 12.0 * len(places) * found**2 > 3e7:
         raise InvalidInputError(f"{len(places)} cubes of {found} divisions have more than 30 million triangles")

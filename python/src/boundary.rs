@@ -324,7 +324,8 @@ pub fn boundary_pair(
         let vertices = [&domain, &target].map(|surface| surface.vertices().len());
         let landmarks = match &arguments.landmarks_file {
             Some(file) => files::read_landmarks(file, vertices[0], vertices[1])?,
-            None => Landmarks::new(arguments.landmarks, vertices[0], vertices[1])?,
+            None => Landmarks::new(arguments.landmarks, vertices[0], vertices[1])
+                .map_err(|error| Failure::invalid(format!("landmarks: {error}")))?,
         };
         let curves = match &arguments.landmark_curves_file {
             Some(file) => files::read_landmark_curves(file)?,

@@ -12,7 +12,7 @@ use solidmap::baseline::BaselineError;
 use solidmap::bijective::BijectiveError;
 use solidmap::boundary_map::BoundaryMapError;
 use solidmap::boundary_map::check::BoundaryCheckError;
-use solidmap::boundary_map::pair::{LandmarkError, PairError};
+use solidmap::boundary_map::pair::PairError;
 use solidmap::certificate::CertificateError;
 #[cfg(feature = "native")]
 use solidmap::cgal_tetgen::CgalTetgenError;
@@ -173,7 +173,6 @@ invalid_input!(
     MeshError,
     BoundaryMapError,
     BoundaryCheckError,
-    LandmarkError,
     LandmarkFileError,
     HoleError,
     DomainMeshError,
