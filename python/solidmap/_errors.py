@@ -31,7 +31,8 @@ class NumericalError(SolidmapError, RuntimeError):
     """No result was found: a system without a solution, a mesh that could not be repaired."""
 
 
-class TooLargeError(SolidmapError, MemoryError):
+# The other way round, its ``__new__`` would refuse it, which what sends exceptions between processes may call.
+class TooLargeError(MemoryError, SolidmapError):
     """More memory would be needed than is allowed."""
 
 

@@ -246,7 +246,10 @@ fn require_threads() -> Result<(), Failure> {
     if OWNER.load(Ordering::Acquire) == this {
         return Ok(());
     }
-    let threads = WANTED.load(Ordering::Relaxed);
+    let threads = match WANTED.load(Ordering::Relaxed) {
+        0 => from_environment(),
+        wanted => wanted,
+    };
     let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     built.map_err(|error| Failure::new(Category::Memory, format!("threads could not be started: {error}")))?;
     if threads > 0 {
@@ -254,6 +257,15 @@ fn require_threads() -> Result<(), Failure> {
     }
     OWNER.store(this, Ordering::Release);
     Ok(())
+}
+
+/// What the environment asks for: rayon's own variable, which 0 leaves to rayon, or else the one that numerical programs
+/// heed, and that Dask sets to 1 for its workers.
+fn from_environment() -> usize {
+    match std::env::var_os("RAYON_NUM_THREADS") {
+        Some(_) => 0,
+        None => std::env::var("OMP_NUM_THREADS").ok().and_then(|n| n.trim().parse().ok()).unwrap_or(0),
+    }
 }
 
 /// At most eight threads per core, as in the program: many more spend their time waiting for one another.
