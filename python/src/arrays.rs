@@ -1,7 +1,9 @@
 //! Arrays of numpy as points, and back, without copies where that is possible.
 
 use numpy::ndarray::{ArrayView2, ArrayView3};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods, ToPyArray};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods, ToPyArray,
+};
 use pyo3::prelude::*;
 use solidmap::{Matrix3, Point};
 
@@ -64,7 +66,9 @@ pub fn rows<'a, T: numpy::Element, const N: usize>(
 
 /// The entries of an array.
 pub fn entries<T: numpy::Element + Clone>(name: &str, array: &PyReadonlyArray1<'_, T>) -> Result<Vec<T>, Failure> {
-    let slice = array.as_slice().map_err(|_| Failure::invalid(format!("{name} is not in C order")))?;
+    let slice = array
+        .as_slice()
+        .map_err(|_| Failure::invalid(format!("{name} is not in C order")))?;
     Ok(slice.to_vec())
 }
 

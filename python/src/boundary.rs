@@ -69,13 +69,17 @@ impl Boundary {
     /// The map from one file to another: meshes with the same elements, or a domain and a text of node images.
     #[staticmethod]
     fn read_between(py: Python, domain: PathBuf, image: PathBuf) -> PyResult<Self> {
-        run(py, None, None, move |_| Ok(Self::of(between_files(&domain, &image)?, vec![])))
+        run(py, None, None, move |_| {
+            Ok(Self::of(between_files(&domain, &image)?, vec![]))
+        })
     }
 
     /// A boundary file.
     #[staticmethod]
     fn read(py: Python, path: PathBuf) -> PyResult<Self> {
-        run(py, None, None, move |_| Ok(Self(Arc::new(files::read_boundary(&path)?))))
+        run(py, None, None, move |_| {
+            Ok(Self(Arc::new(files::read_boundary(&path)?)))
+        })
     }
 
     fn write(&self, py: Python, path: PathBuf) -> PyResult<()> {
@@ -221,7 +225,9 @@ fn between_files(domain: &Path, image: &Path) -> Result<BoundaryMap, Failure> {
 fn sphere_step(phase: SpherePhase, before: &str) -> Step {
     match phase {
         SpherePhase::Coarsening => step(&format!("{before}coarsening")),
-        SpherePhase::Embedding { vertices, total } => part(&format!("{before}embedding in the sphere"), vertices, total),
+        SpherePhase::Embedding { vertices, total } => {
+            part(&format!("{before}embedding in the sphere"), vertices, total)
+        }
         SpherePhase::Flowing => step(&format!("{before}flowing to the sphere")),
         SpherePhase::Optimising {
             iterations,

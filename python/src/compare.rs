@@ -72,8 +72,11 @@ pub fn compare(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
     let (file, given) = (Arc::clone(&boundary.0), mesh.map(|mesh| mesh.tets("mesh")).transpose()?);
-    let methods: Vec<ComparedMethod> =
-        arguments.methods.iter().map(|name| method_of(name)).collect::<Result<_, _>>()?;
+    let methods: Vec<ComparedMethod> = arguments
+        .methods
+        .iter()
+        .map(|name| method_of(name))
+        .collect::<Result<_, _>>()?;
     run(py, progress, None, move |watch| {
         let (repaired, repairs) = check::repair(file.boundary.domain());
         let boundary = match repairs.is_empty() {
@@ -160,7 +163,10 @@ impl Compared<'_> {
         let folds = match on_tets {
             Ok((mesh, images)) => Some(FoldCount::of(&mesh, &images)),
             Err(error) => {
-                let failure: Failure = { let error: solidmap::compare::CompareError = error; error.into() };
+                let failure: Failure = {
+                    let error: solidmap::compare::CompareError = error;
+                    error.into()
+                };
                 remarks.push(format!("no tets could be carried: {}", failure.message()));
                 None
             }

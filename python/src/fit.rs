@@ -58,7 +58,9 @@ impl FitArguments {
             (self.radius.is_some(), "radius", "sphere"),
         ] {
             if is_given && kind != its {
-                return Err(Failure::invalid(format!("{name} has no meaning with placement=\"{kind}\"")));
+                return Err(Failure::invalid(format!(
+                    "{name} has no meaning with placement=\"{kind}\""
+                )));
             }
         }
         let base = match self.paper || kind != "adaptive" {
@@ -126,15 +128,20 @@ pub fn fit_step(phase: Phase) -> Step {
             format!("iteration {iteration}, residual {residual:.1e}"),
         ),
         Phase::Measuring => step("measuring the boundary error"),
-        Phase::Refining { round, error, sources } => {
-            of("refining", None, format!("round {round}, error {error:.1e}, {sources} sources"))
-        }
+        Phase::Refining { round, error, sources } => of(
+            "refining",
+            None,
+            format!("round {round}, error {error:.1e}, {sources} sources"),
+        ),
     }
 }
 
 /// A warning when a domain intersects itself, in the program's words.
 fn intersections(domain: &SurfaceMesh, inputs: &Inputs) -> Option<String> {
-    let named = inputs.first().map(|(_, path)| path.as_path()).unwrap_or(Path::new("the domain"));
+    let named = inputs
+        .first()
+        .map(|(_, path)| path.as_path())
+        .unwrap_or(Path::new("the domain"));
     let shown = named.display();
     match finder()?(domain) {
         Ok(pairs) => pairs.first().map(|[a, b]| {
@@ -147,7 +154,9 @@ fn intersections(domain: &SurfaceMesh, inputs: &Inputs) -> Option<String> {
                  `solidmap check`"
             )
         }),
-        Err(error) => Some(format!("self-intersections of `{shown}` could not be looked for: {error}")),
+        Err(error) => Some(format!(
+            "self-intersections of `{shown}` could not be looked for: {error}"
+        )),
     }
 }
 
@@ -263,7 +272,9 @@ impl Factor {
                  vertex of the domain for each frame"
             )));
         }
-        let slice = frames.as_slice().map_err(|_| Failure::invalid("frames is not in C order"))?;
+        let slice = frames
+            .as_slice()
+            .map_err(|_| Failure::invalid("frames is not in C order"))?;
         let all = slice.as_chunks::<3>().0;
         let each = all.chunks_exact(vertices.max(1)).enumerate().map(|(frame, images)| {
             let images: Vec<Point> = images.iter().map(|&xyz| Point::from(xyz)).collect();

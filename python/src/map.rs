@@ -111,7 +111,11 @@ pub struct PreparedInverse {
 
 enum Search {
     /// By Newton's method. Borrows from the two others, and is declared and dropped first.
-    Newton(InverseMap<'static>, #[allow(dead_code)] Box<HarmonicMap>, #[allow(dead_code)] Arc<MapFile>),
+    Newton(
+        InverseMap<'static>,
+        #[allow(dead_code)] Box<HarmonicMap>,
+        #[allow(dead_code)] Arc<MapFile>,
+    ),
     Location(Box<BijectiveMap>),
 }
 
@@ -281,7 +285,10 @@ impl Map {
 
     #[getter]
     fn boundary(&self) -> PyResult<Boundary> {
-        Ok(Boundary::of(boundary_of(&self.file)?.clone(), self.file.metadata.inputs.clone()))
+        Ok(Boundary::of(
+            boundary_of(&self.file)?.clone(),
+            self.file.metadata.inputs.clone(),
+        ))
     }
 
     /// The report of the fit, if the file has one.
@@ -302,7 +309,12 @@ impl Map {
 
     #[getter]
     fn bijective_json(&self) -> PyResult<Option<String>> {
-        Ok(self.file.bijective.as_ref().map(|found| json(&found.report)).transpose()?)
+        Ok(self
+            .file
+            .bijective
+            .as_ref()
+            .map(|found| json(&found.report))
+            .transpose()?)
     }
 
     /// The tetrahedra of the bijective map, in the domain and in the target.

@@ -216,16 +216,19 @@ pub fn certificate(
             return Ok(all.to_string());
         }
         let boundary = boundary_of(&file)?;
-        let found = certify(&file.map, boundary.domain(), boundary.target_volume(), &options, &|at| {
-            watch.tell(|| certifying(at))
-        })?;
+        let found = certify(
+            &file.map,
+            boundary.domain(),
+            boundary.target_volume(),
+            &options,
+            &|at| watch.tell(|| certifying(at)),
+        )?;
         let (folded, undecided) = (found.folded_places(), found.undecided_places());
         let report = found.report;
         let mut all = value_of(&report)?;
         all["map_kind"] = json!("harmonic");
         all["cells"] = json!(found.cells().len());
-        all["locally_one_to_one"] =
-            json!(report.stop_reason == StopReason::AllDecided && report.folded.cells == 0);
+        all["locally_one_to_one"] = json!(report.stop_reason == StopReason::AllDecided && report.folded.cells == 0);
         all["folded_places"] = json!(folded.len());
         all["undecided_places"] = json!(undecided.len());
         let places: Vec<_> = folded.into_iter().chain(undecided).take(worst).collect();

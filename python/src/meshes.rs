@@ -52,13 +52,17 @@ impl Surface {
         let points = Points::of(name, &vertices)?.to_vec();
         let triangles = rows::<u32, 3>(name, &triangles)?.to_vec();
         let surface = SurfaceMesh::new(points, triangles);
-        Ok(Self::of(surface.map_err(|error| Failure::invalid(format!("{name}: {error}")))?))
+        Ok(Self::of(
+            surface.map_err(|error| Failure::invalid(format!("{name}: {error}")))?,
+        ))
     }
 
     /// The surface in a file, or the boundary of the cells in it.
     #[staticmethod]
     fn read(py: Python, path: PathBuf) -> PyResult<Self> {
-        run(py, None, None, move |_| Ok(Self::of(io::read_solid(path)?.into_surface())))
+        run(py, None, None, move |_| {
+            Ok(Self::of(io::read_solid(path)?.into_surface()))
+        })
     }
 
     /// A surface in a file with the faces of another, its polygons cut like that one's.
@@ -178,7 +182,9 @@ impl Cells {
 pub fn tets_of(mesh: CellMesh, name: &str) -> Result<TetMesh, Failure> {
     match mesh.into_parts() {
         (nodes, CellList::Tets(tets), _) => Ok(TetMesh::new(nodes, tets)?),
-        _ => Err(Failure::invalid(format!("{name} has hexahedra, but must be a mesh of tetrahedra"))),
+        _ => Err(Failure::invalid(format!(
+            "{name} has hexahedra, but must be a mesh of tetrahedra"
+        ))),
     }
 }
 
@@ -213,7 +219,9 @@ impl Cells {
             None => vec![1; cells.len()],
         };
         let mesh = CellMesh::new(points, cells, regions);
-        Ok(Self::of(mesh.map_err(|error| Failure::invalid(format!("{name}: {error}")))?))
+        Ok(Self::of(
+            mesh.map_err(|error| Failure::invalid(format!("{name}: {error}")))?,
+        ))
     }
 
     #[staticmethod]
@@ -263,14 +271,18 @@ impl Cells {
 
     fn scaled_jacobians<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let mesh = Arc::clone(&self.0);
-        let found = run(py, None, None, move |_| Ok(scaled_jacobians(mesh.cells(), mesh.nodes())))?;
+        let found = run(py, None, None, move |_| {
+            Ok(scaled_jacobians(mesh.cells(), mesh.nodes()))
+        })?;
         Ok(PyArray1::from_vec(py, found))
     }
 
     /// The cells that are inverted or flat, decided exactly.
     fn inverted<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let mesh = Arc::clone(&self.0);
-        let found = run(py, None, None, move |_| Ok(invalid_cells(mesh.cells(), mesh.nodes()).cells))?;
+        let found = run(py, None, None, move |_| {
+            Ok(invalid_cells(mesh.cells(), mesh.nodes()).cells)
+        })?;
         Ok(PyArray1::from_vec(py, found))
     }
 
@@ -285,7 +297,9 @@ impl Cells {
             let (found, expected) = (images.len(), mesh.nodes().len());
             return Err(Failure::invalid(format!("images has {found} rows for {expected} points")).into());
         }
-        let found = run(py, None, None, move |_| Ok(determinants(mesh.cells(), mesh.nodes(), &images)))?;
+        let found = run(py, None, None, move |_| {
+            Ok(determinants(mesh.cells(), mesh.nodes(), &images))
+        })?;
         Ok(PyArray1::from_vec(py, found))
     }
 

@@ -143,7 +143,10 @@ mod calls {
     use crate::run::Watch;
 
     pub fn filled(_: &SurfaceMesh, _: Option<u64>, _: &Watch) -> Result<TetMesh, Failure> {
-        Err(Failure::needs_native("filling a surface with tetrahedra", "give a tet mesh of it"))
+        Err(Failure::needs_native(
+            "filling a surface with tetrahedra",
+            "give a tet mesh of it",
+        ))
     }
 
     pub fn made(_: Arc<SurfaceMesh>, arguments: TetArguments, _: &Watch) -> Result<CellMesh, Failure> {
@@ -153,11 +156,17 @@ mod calls {
             max_volume: _,
             memory: _,
         } = arguments;
-        Err(Failure::needs_native("tetrahedralise", "make the mesh with another program"))
+        Err(Failure::needs_native(
+            "tetrahedralise",
+            "make the mesh with another program",
+        ))
     }
 
     pub fn offset(_: Arc<SurfaceMesh>, _: f64, _: &Watch) -> Result<(Surface, String), Failure> {
-        Err(Failure::needs_native("offset_surface", "make the surface with another program"))
+        Err(Failure::needs_native(
+            "offset_surface",
+            "make the surface with another program",
+        ))
     }
 
     pub fn isolate(_: PathBuf, _: Vec<String>) {}
@@ -177,7 +186,9 @@ pub fn tetrahedralise(
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Cells> {
     let surface = std::sync::Arc::clone(&surface.0);
-    run(py, progress, None, move |watch| Ok(Cells::of(calls::made(surface, arguments, watch)?)))
+    run(py, progress, None, move |watch| {
+        Ok(Cells::of(calls::made(surface, arguments, watch)?))
+    })
 }
 
 #[pyfunction]

@@ -8,9 +8,7 @@ use serde_json::json;
 use solidmap::fit::FitOptions;
 use solidmap::hexmesh::{HexmeshOptions, HexmeshPhase, HexmeshPolycube, PolycubeKind, make_hexmesh};
 use solidmap::mesh::{CellMesh, SurfaceMesh, TetMesh};
-use solidmap::polycube::{
-    self, Orientation, PolycubeOptions, PolycubePhase, make_polycube, make_polycube_with_labels,
-};
+use solidmap::polycube::{self, Orientation, PolycubeOptions, PolycubePhase, make_polycube, make_polycube_with_labels};
 use solidmap::remesh::{CellSize, RemeshOptions};
 
 use crate::arrays::{entries, rows};

@@ -102,7 +102,9 @@ impl CarriedMesh {
 fn reasons(report: &RemeshReport) -> serde_json::Value {
     let count = |cause: InversionCause| {
         let cells = report.after.cells.iter();
-        cells.filter(|&&cell| report.causes_after.of_cells[cell as usize] == cause).count()
+        cells
+            .filter(|&&cell| report.causes_after.of_cells[cell as usize] == cause)
+            .count()
     };
     json!({
         "boundary": count(InversionCause::Boundary),

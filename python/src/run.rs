@@ -127,14 +127,22 @@ pub fn run<T: Send + 'static>(
     let own = watch.clone();
     let (sender, receiver) = channel();
     let receiver = Mutex::new(receiver);
-    let wait = |time| receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(time);
+    let wait = |time| {
+        receiver
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .recv_timeout(time)
+    };
     let worker = std::thread::Builder::new().name("solidmap".into()).stack_size(STACK);
     let body = move || {
         // Nobody receives the result of work that was left alone.
         let _ = sender.send(guarded(|| work(&own)));
     };
     worker.spawn(body).map_err(|error| {
-        Failure::new(Category::Memory, format!("no thread could be started for the work: {error}"))
+        Failure::new(
+            Category::Memory,
+            format!("no thread could be started for the work: {error}"),
+        )
     })?;
     let mut shown = Instant::now();
     let ended = loop {
@@ -264,7 +272,10 @@ fn require_threads() -> Result<(), Failure> {
 fn from_environment() -> usize {
     match std::env::var_os("RAYON_NUM_THREADS") {
         Some(_) => 0,
-        None => std::env::var("OMP_NUM_THREADS").ok().and_then(|n| n.trim().parse().ok()).unwrap_or(0),
+        None => std::env::var("OMP_NUM_THREADS")
+            .ok()
+            .and_then(|n| n.trim().parse().ok())
+            .unwrap_or(0),
     }
 }
 

@@ -8,9 +8,7 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::energy::{AdaptiveOptions, GridResolution};
 use solidmap::mesh::TetMesh;
 use solidmap::remesh::RemeshOptions;
-use solidmap::sequence::{
-    FilledReference, FrameMeasurement, SequenceError, SequenceOptions, SequencePhase, cycles,
-};
+use solidmap::sequence::{FilledReference, FrameMeasurement, SequenceError, SequenceOptions, SequencePhase, cycles};
 
 use crate::boundary::value_of;
 use crate::error::{Category, Failure};
@@ -147,7 +145,12 @@ impl Sequence {
         let frames: Vec<_> = frames.iter().map(|frame| Arc::clone(&frame.0)).collect();
         let shared = Arc::clone(&self.prepared);
         run(py, progress, None, move |watch| {
-            let lost = || Failure::new(Category::Unsupported, "the sequence was cancelled, or is in use by another thread");
+            let lost = || {
+                Failure::new(
+                    Category::Unsupported,
+                    "the sequence was cancelled, or is in use by another thread",
+                )
+            };
             // Taken out while it changes: work that is unwound loses it.
             let taken = shared.try_lock().ok().and_then(|mut prepared| prepared.take());
             let mut prepared = taken.ok_or_else(lost)?;
@@ -173,8 +176,7 @@ fn measured(
 ) -> Result<Vec<Value>, Failure> {
     let filled = prepared.filled()?;
     let sequence = &mut prepared.sequence;
-    let maps: Vec<Result<BoundaryMap, SequenceError>> =
-        frames.iter().map(|surface| sequence.frame(surface)).collect();
+    let maps: Vec<Result<BoundaryMap, SequenceError>> = frames.iter().map(|surface| sequence.frame(surface)).collect();
     let usable: Vec<BoundaryMap> = maps.iter().filter_map(|map| map.as_ref().ok().cloned()).collect();
     let found = match &filled {
         None => sequence.measure(&usable, &|phase| watch.tell_or_unwind(|| fit_step(phase))),

@@ -10,7 +10,9 @@ use solidmap::files::{self, TextureFile, TextureMetadata};
 use solidmap::fit::FitOptions;
 use solidmap::inverse::InverseOptions;
 use solidmap::io;
-use solidmap::texture::{ColouredSurface, ExtendedQuantity, Picture, SolidTexture, TextureOptions, Wrap, decoded, to_srgb};
+use solidmap::texture::{
+    ColouredSurface, ExtendedQuantity, Picture, SolidTexture, TextureOptions, Wrap, decoded, to_srgb,
+};
 
 use crate::arrays::{Points, copy_of_corners, copy_of_rows, rows};
 use crate::boundary::{Inputs, provenance, value_of};
@@ -137,10 +139,14 @@ impl Texture {
             })
         })?;
         let has_colour: Vec<bool> = light.iter().map(|light| light.iter().all(|c| c.is_finite())).collect();
-        let colours: Vec<u8> = light.iter().zip(&has_colour).flat_map(|(&light, &has)| match has {
-            true => to_srgb(light),
-            false => [0; 3],
-        }).collect();
+        let colours: Vec<u8> = light
+            .iter()
+            .zip(&has_colour)
+            .flat_map(|(&light, &has)| match has {
+                true => to_srgb(light),
+                false => [0; 3],
+            })
+            .collect();
         Ok((
             PyArray1::from_vec(py, colours).reshape([has_colour.len(), 3])?,
             PyArray1::from_vec(py, has_colour),
@@ -151,9 +157,13 @@ impl Texture {
 fn picture_of(image: &PyReadonlyArray3<'_, u8>) -> Result<Picture, Failure> {
     let [height, width, channels] = [0, 1, 2].map(|axis| image.shape()[axis]);
     if channels != 3 {
-        return Err(Failure::invalid(format!("image has {channels} channels, but must have 3: red, green and blue")));
+        return Err(Failure::invalid(format!(
+            "image has {channels} channels, but must have 3: red, green and blue"
+        )));
     }
-    let slice = image.as_slice().map_err(|_| Failure::invalid("image is not in C order"))?;
+    let slice = image
+        .as_slice()
+        .map_err(|_| Failure::invalid("image is not in C order"))?;
     Ok(Picture::new(width, height, slice.as_chunks::<3>().0.to_vec())?)
 }
 
@@ -182,7 +192,9 @@ pub fn texture(
     };
     let coloured = match (picture, coordinates, colours) {
         (Some(picture), Some(uv), _) => {
-            let slice = uv.as_slice().map_err(|_| Failure::invalid("coordinates is not in C order"))?;
+            let slice = uv
+                .as_slice()
+                .map_err(|_| Failure::invalid("coordinates is not in C order"))?;
             let uv = slice.as_chunks::<2>().0.as_chunks::<3>().0.to_vec();
             ColouredSurface::from_picture(&surface.0, uv, picture, wrap)
         }

@@ -116,7 +116,11 @@ pub fn transfer<'py>(
     let (file, kind) = (Arc::clone(&map.file), map.kind(kind)?);
     let points = arguments.points.as_ref().map(|points| Points::of("points", points));
     let points = points.transpose()?.map(|points| points.to_vec());
-    let cells = arguments.cells.as_ref().map(|cells| cell_list("cells", cells)).transpose()?;
+    let cells = arguments
+        .cells
+        .as_ref()
+        .map(|cells| cell_list("cells", cells))
+        .transpose()?;
     let (point_fields, cell_fields) = (given(arguments.point_fields)?, given(arguments.cell_fields)?);
     let at = arguments.at.as_ref().map(|at| Points::of("at", at)).transpose()?;
     let (distance, resolution) = (arguments.distance, arguments.resolution);
@@ -189,14 +193,16 @@ pub fn transfer<'py>(
         let grid = clipped_grid(boundary.domain(), GridResolution::CellsAlongLongestSide(resolution))?;
         let poll = || watch.tell(|| step("checking volumes"));
         let target_volume = boundary.target_volume();
-        let (volume, after) =
-            with_cancellation(chosen(&file, kind), &poll, |map| volume_check(map, &grid, target_volume))?;
+        let (volume, after) = with_cancellation(chosen(&file, kind), &poll, |map| {
+            volume_check(map, &grid, target_volume)
+        })?;
         let (sampled, is_beyond) = FieldSampler::new(&carrier)?.sample(grid.points());
         let before = grid.weights();
         let fields = sampled.iter().map(|field| {
             let mut values = field.values.clone();
             let rows = values.chunks_mut(field.components.max(1)).zip(&is_beyond);
-            rows.filter(|(_, beyond)| **beyond).for_each(|(row, _)| row.fill(f64::NAN));
+            rows.filter(|(_, beyond)| **beyond)
+                .for_each(|(row, _)| row.fill(f64::NAN));
             let is_scalar = field.components == 1;
             let is_label = field.kind == FieldKind::Label;
             let carry = match field.kind {
@@ -204,8 +210,9 @@ pub fn transfer<'py>(
                 FieldKind::Vector => "vector",
                 FieldKind::Label => "label",
             };
-            let distribution =
-                (is_scalar && !is_label).then(|| distribution_check(&values, before, &after)).flatten();
+            let distribution = (is_scalar && !is_label)
+                .then(|| distribution_check(&values, before, &after))
+                .flatten();
             let labels = (is_scalar && is_label).then(|| label_shares(&values, before, &after));
             Ok(json!({
                 "name": field.name,
@@ -218,7 +225,11 @@ pub fn transfer<'py>(
         let fields = fields.collect::<Result<Vec<_>, crate::error::Failure>>()?;
         let without = match &status {
             Some(status) => status.iter().filter(|&&status| status > 1).count(),
-            None => carried.points.iter().filter(|p| !p.iter().all(|c| c.is_finite())).count(),
+            None => carried
+                .points
+                .iter()
+                .filter(|p| !p.iter().all(|c| c.is_finite()))
+                .count(),
         };
         let report = json!({
             "map_kind": kind_name(kind),

@@ -37,7 +37,9 @@ def test_maps_and_functions_go_to_workers_as_they_are(client, f, inside, ball, i
     assert np.array_equal(array.map_blocks(f, points, dtype=float).compute(), f(inside))
     assert np.array_equal(points.map_blocks(f, dtype=float).compute(), f(inside))
     found = client.gather(client.map(solidmap.fit, [ball, ball], images=images, tolerance=1e-2))
-    assert np.array_equal(found[0](inside), solidmap.fit(ball, images=images, tolerance=1e-2)(inside))
+    # Another number of threads may change the last digits.
+    here = solidmap.fit(ball, images=images, tolerance=1e-2)
+    assert np.allclose(found[0](inside), here(inside), atol=1e-12)
     factor = client.submit(solidmap.Factor, ball, tolerance=1e-2).result()
     assert factor.solve(images).tolerance_met
 
