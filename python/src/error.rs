@@ -45,10 +45,6 @@ pub enum Category {
     Numerical,
     Memory,
     Cancelled,
-    #[cfg_attr(
-        not(feature = "native"),
-        expect(dead_code, reason = "only CGAL and TetGen fail like this")
-    )]
     Native,
     Internal,
 }

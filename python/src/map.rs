@@ -110,13 +110,16 @@ pub struct PreparedInverse {
 }
 
 enum Search {
-    /// By Newton's method. Borrows from the two others, and is declared and dropped first.
-    Newton(
-        InverseMap<'static>,
-        #[allow(dead_code)] Box<HarmonicMap>,
-        #[allow(dead_code)] Arc<MapFile>,
-    ),
+    Newton(Box<NewtonSearch>),
     Location(Box<BijectiveMap>),
+}
+
+/// By Newton's method.
+struct NewtonSearch {
+    /// Borrows from the two others. Declared first, so that it is dropped first.
+    inverse: InverseMap<'static>,
+    _map: Box<HarmonicMap>,
+    _file: Arc<MapFile>,
 }
 
 impl PreparedInverse {
@@ -136,7 +139,11 @@ impl PreparedInverse {
         // SAFETY: both are on the heap, do not move when the struct does, are never written to, and are dropped after what
         // borrows from them.
         let (map, boundary) = unsafe { (&*map, &*boundary) };
-        let search = Search::Newton(InverseMap::new(map, boundary, &options)?, exact, file);
+        let search = Search::Newton(Box::new(NewtonSearch {
+            inverse: InverseMap::new(map, boundary, &options)?,
+            _map: exact,
+            _file: file,
+        }));
         Ok(Self { tolerance, search })
     }
 
@@ -149,14 +156,14 @@ impl PreparedInverse {
 
     pub fn inverse(&self) -> &dyn Inverse {
         match &self.search {
-            Search::Newton(map, ..) => map,
+            Search::Newton(search) => &search.inverse,
             Search::Location(map) => &**map,
         }
     }
 
     fn preimages(&self, points: &[Point], watch: &Watch) -> Result<(Vec<Preimage>, InverseReport), Failure> {
         match &self.search {
-            Search::Newton(map, ..) => Ok(map.preimages_with_progress(points, &|done| {
+            Search::Newton(search) => Ok(search.inverse.preimages_with_progress(points, &|done| {
                 watch.tell(|| part("searching preimages", done, points.len()))
             })?),
             Search::Location(map) => Ok(map.preimages(points)),

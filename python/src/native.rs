@@ -9,6 +9,10 @@ use crate::run::run;
 /// What a surface's mesh is made with.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
+#[cfg_attr(
+    not(feature = "native"),
+    expect(dead_code, reason = "there is nothing that uses them")
+)]
 pub struct TetArguments {
     mesher: String,
     quality: f64,
@@ -52,7 +56,7 @@ mod calls {
             max_volume,
             memory,
         } = arguments;
-        if quality != 0.0 && !(quality >= 1.1) {
+        if quality != 0.0 && (quality.is_nan() || quality < 1.1) {
             return Err(Failure::invalid(format!(
                 "quality is {quality}, but must be 0 (no refinement) or at least 1.1"
             )));
@@ -149,13 +153,7 @@ mod calls {
         ))
     }
 
-    pub fn made(_: Arc<SurfaceMesh>, arguments: TetArguments, _: &Watch) -> Result<CellMesh, Failure> {
-        let TetArguments {
-            mesher: _,
-            quality: _,
-            max_volume: _,
-            memory: _,
-        } = arguments;
+    pub fn made(_: Arc<SurfaceMesh>, _: TetArguments, _: &Watch) -> Result<CellMesh, Failure> {
         Err(Failure::needs_native(
             "tetrahedralise",
             "make the mesh with another program",

@@ -42,7 +42,7 @@ struct Prepared {
 impl Prepared {
     fn filled(&self) -> Result<Option<FilledReference<'static>>, SequenceError> {
         let of = |(mesh, options): &(TetMesh, RemeshOptions)| {
-            FilledReference::new(&self.sequence, mesh.clone(), options.clone(), finder())
+            FilledReference::new(&self.sequence, mesh.clone(), *options, finder())
         };
         self.filled.as_ref().map(of).transpose()
     }
