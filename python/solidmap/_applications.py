@@ -104,7 +104,7 @@ def sequence(
     >>> frames = [ball.points * [1 + 0.1 * k, 1, 1] for k in range(3)]
     >>> found = solidmap.sequence(ball, frames, resolution=12)
     >>> [round(energy, 4) for energy in found.energies]
-    [0.0, 0.0004, 0.0019]
+    [0.0, 0.0017, 0.0076]
     """
     solid = inputs.solid("reference", reference)
     surface = solid.surface

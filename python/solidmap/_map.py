@@ -1060,6 +1060,13 @@ def _restored_factor(domain: Surface, refined_for: Any, settings: Dict[str, Any]
 def memory_estimate(surface: SurfaceLike, **method: Unpack[MethodOptions]) -> int:
     """Bytes that a fit of a domain needs at the start, by an estimate: refinement needs more.
 
+    Parameters
+    ----------
+    surface : surface
+        The boundary of the solid.
+    **method
+        Options of the method, as for :func:`solidmap.fit`.
+
     Examples
     --------
     >>> import solidmap

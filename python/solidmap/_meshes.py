@@ -427,7 +427,7 @@ def signed_distance(surface: SurfaceLike, points: ArrayLike) -> NDArray[np.float
     Examples
     --------
     >>> import solidmap
-    >>> solidmap.signed_distance(solidmap.shapes.cube(2.0), [[1, 1, 1], [1, 1, 5]]).tolist()
+    >>> solidmap.signed_distance(solidmap.shapes.cube(2.0), [[0, 0, 0], [0, 0, 4]]).tolist()
     [-1.0, 3.0]
     """
     found, shape = inputs.points("points", points)

@@ -46,12 +46,12 @@ def sphere(radius: float = 1.0, levels: int = 3) -> Surface:
 
 
 def cube(size: float = 1.0, divisions: int = 1) -> Surface:
-    """The cube from the origin to ``(size, size, size)``, with so many squares along each edge.
+    """The cube of this size about the origin, with so many squares along each edge.
 
     Examples
     --------
     >>> import solidmap
-    >>> solidmap.shapes.cube(2.0, 4).volume
+    >>> round(solidmap.shapes.cube(2.0, 4).volume, 9)
     8.0
     """
     return Surface._of(native.Surface.cube(_length("size", size), _divisions("divisions", divisions)))
@@ -77,7 +77,7 @@ def polycube(cubes: Sequence[Sequence[int]], divisions: int = 4) -> Surface:
     Examples
     --------
     >>> import solidmap
-    >>> solidmap.shapes.polycube([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 2).volume
+    >>> round(solidmap.shapes.polycube([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 2).volume, 9)
     3.0
     """
     array = array_of("cubes", cubes)
