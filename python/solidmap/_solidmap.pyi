@@ -6,7 +6,46 @@ from typing import Sequence as _Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__: List[str]
+__all__ = [
+    "Boundary",
+    "boundary_pair",
+    "boundary_sphere",
+    "compare",
+    "Factor",
+    "fit",
+    "fit_memory",
+    "Map",
+    "certificate",
+    "distortions",
+    "energy",
+    "energy_densities",
+    "Cells",
+    "Surface",
+    "read_points",
+    "read_solid",
+    "isolate",
+    "offset_surface",
+    "serve_calls",
+    "tetrahedralise",
+    "Hexmesh",
+    "Polycube",
+    "hexmesh",
+    "polycube_of",
+    "CarriedMesh",
+    "carry",
+    "with_bijective",
+    "set_threads",
+    "threads",
+    "Sequence",
+    "Texture",
+    "read_textured_surface",
+    "texture",
+    "read_fields",
+    "transfer",
+    "__version__",
+    "LICENCE",
+    "HAS_NATIVE",
+]
 
 HAS_NATIVE: bool
 LICENCE: str
