@@ -87,7 +87,7 @@ REPAIR_DEFAULTS: Dict[str, Any] = {
 
 def number(name: str, value: Any) -> float:
     """A real number."""
-    if isinstance(value, (str, bytes)):
+    if isinstance(value, (str, bytes)) or getattr(value, "shape", ()) != ():
         raise InvalidTypeError(f"{name} is {value!r}, but must be a number")
     try:
         return float(value)
