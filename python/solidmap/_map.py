@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -900,9 +901,12 @@ def fit(
                 raise InvalidInputError(f"{name} says how a solid is mapped to another: it needs target=MODEL")
     if surface is None and boundary is None:
         raise InvalidInputError("surface is missing; it may only be left out with boundary")
+    start_of_work = time.perf_counter()
     found, roles = _boundary(
         surface, images, boundary, target, onto_sphere, pair_options, start, progress, limit and 0.5 * limit
     )
+    if limit is not None:
+        limit = max(0.0, limit - (time.perf_counter() - start_of_work))
     with shown(progress) as callback:
         fitted, is_met = native.fit(found, arguments, roles, callback, limit)
     made = Map._of(fitted, is_met)
