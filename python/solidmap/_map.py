@@ -887,7 +887,7 @@ def fit(
         no_improve,
         0,
     )
-    limit = options.optional(options.number, "time_limit", time_limit)
+    limit = options.optional(options.seconds, "time_limit", time_limit)
     given = [name for name, value in (("images", images), ("boundary", boundary), ("target", target)) if value is not None]
     if len(given) != 1:
         raise InvalidInputError(

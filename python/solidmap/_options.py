@@ -95,6 +95,14 @@ def number(name: str, value: Any) -> float:
         raise InvalidTypeError(f"{name} is of type {type(value).__name__}, but must be a number") from None
 
 
+def seconds(name: str, value: Any) -> float:
+    """A number of seconds."""
+    found = number(name, value)
+    if not 0.0 <= found < math.inf:
+        raise InvalidInputError(f"{name} is {found}, but must be a number of seconds")
+    return found
+
+
 def count(name: str, value: Any, least: int = 0) -> int:
     """An integer that is not negative."""
     try:

@@ -240,7 +240,7 @@ def _sphere(
         options.choice("energy", energy, ["balanced", "conformal"]),
         options.choice("start", start, ["progressive", "flow"]),
     )
-    limit = options.optional(options.number, "time_limit", time_limit)
+    limit = options.optional(options.seconds, "time_limit", time_limit)
     with shown(progress) as callback:
         made, report = native.boundary_sphere(surface, *chosen, roles, callback, limit)
     return BoundaryMap._of(made, SphereReport._read(report))
@@ -394,7 +394,7 @@ def _pair(
 ) -> BoundaryMap:
     if arguments["aligned"] and arguments["via"] != "targets":
         raise InvalidInputError('aligned says where closest points are sought, and via="conformal" seeks none')
-    limit = options.optional(options.number, "time_limit", time_limit)
+    limit = options.optional(options.seconds, "time_limit", time_limit)
     begin = None if start is None else start._boundary
     with shown(progress) as callback:
         made, report, looks_wrong, others = native.boundary_pair(
