@@ -17,6 +17,7 @@ defaults of the program's.
 from __future__ import annotations
 
 import sys as _sys
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from . import _solidmap as _native
 from . import boundary, shapes
@@ -141,6 +142,11 @@ module.serve_calls()
 # A crash of either must not end this process. Where Python is part of another program, it cannot be started again.
 if HAS_NATIVE and _sys.executable:
     _native.isolate(_sys.executable, ["-I", "-S", "-c", _WORKER.format(path=_native.__file__)])
+
+
+if _TYPE_CHECKING:
+    from . import dask as dask
+    from . import plot as plot
 
 
 def __getattr__(name: str) -> object:

@@ -226,3 +226,18 @@ def test_distances_are_negative_inside(ball):
     found = solidmap.signed_distance(ball, [[[0, 0, 0], [2, 0, 0]]])
     assert found.shape == (1, 2) and found[0, 0] == pytest.approx(-1, abs=0.02)
     assert found[0, 1] == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.skipif(solidmap.HAS_NATIVE, reason="this build has CGAL and TetGen")
+def test_a_build_without_cgal_and_tetgen_says_what_to_do(ball, tets, f):
+    for call in (
+        lambda: solidmap.tetrahedralise(ball),
+        lambda: solidmap.offset_surface(ball, 0.1),
+        lambda: solidmap.polycube(ball),
+        lambda: solidmap.hexmesh(ball),
+        lambda: f.make_bijective(),
+    ):
+        with pytest.raises(solidmap.UnsupportedError, match="pip install|give a tet mesh"):
+            call()
+    assert solidmap.check(ball).self_intersections["status"] == "not_checked"
+    assert f.make_bijective(mesh=tets).bijective.boundary == "not_checked"
