@@ -6,6 +6,8 @@ import contextlib
 import sys
 from typing import Any, Callable, Iterator, Optional, Union
 
+from ._errors import InvalidTypeError
+
 #: What ``progress`` may be: ``True`` for a bar, or a callable that is given the name of the step, the share of it that is
 #: done or ``None``, and details. It ends the work by returning ``False``.
 Progress = Union[bool, None, Callable[[str, Optional[float], str], Any]]
@@ -52,6 +54,8 @@ def shown(progress: Progress) -> Iterator[Optional[Callable[[str, Optional[float
         yield None
         return
     if progress is not True:
+        if not callable(progress):
+            raise InvalidTypeError(f"progress is {progress!r}, but must be True, False or a callable")
         yield progress
         return
     bar: Union[_Bar, _Line]

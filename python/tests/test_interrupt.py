@@ -82,7 +82,7 @@ def test_a_callback_hears_of_progress_and_may_end_the_work():
 
     with pytest.raises(Mine, match="from the callback"):
         solidmap.fit(ball, images=bent, progress=raising)
-    with pytest.raises(TypeError, match="progress"):
+    with pytest.raises(solidmap.InvalidTypeError, match="progress is 3"):
         solidmap.fit(ball, images=bent, progress=3)
 
 
