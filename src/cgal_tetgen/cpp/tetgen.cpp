@@ -1,8 +1,11 @@
 // TetGen, made safe to call as a library.
 //
 // libtet reports errors through `terminatetetgen`, which frees the mesh and throws; unwinding then frees it again and
-// the process dies. The function is a weak symbol that libtet calls through its own linkage table, so the strong one
-// below replaces it in the whole process. It must stay in this file: an archive member of its own would not be linked.
+// the process dies. libtet calls the function through its own linkage table, so the one below, which is found before its
+// own, replaces it in the whole process. It must stay in this file: an archive member of its own would not be linked.
+//
+// A shared library that exports nothing else, such as a Python module, has to define and export the function itself, and
+// call `solidmap_tetgen_failed`; the one below is weak for that.
 #ifndef TETLIBRARY
 #error "Build with -DTETLIBRARY: without it tetgen.h defines a terminatetetgen that ends the process."
 #endif
@@ -27,9 +30,14 @@ bool error_was_reported = false;
 
 }  // namespace
 
-__attribute__((visibility("default"), used)) void terminatetetgen(tetgenmesh*, int code) {
+/// What `terminatetetgen` is to do.
+extern "C" __attribute__((visibility("default"), used)) void solidmap_tetgen_failed(int code) {
   error_was_reported = true;
   throw code;
+}
+
+__attribute__((visibility("default"), used, weak)) void terminatetetgen(tetgenmesh*, int code) {
+  solidmap_tetgen_failed(code);
 }
 
 namespace solidmap::cgal_tetgen {

@@ -1,0 +1,253 @@
+"""Polycubes, and hexahedra of models by them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _inputs as inputs
+from . import _options as options
+from . import _solidmap as native
+from ._errors import InvalidInputError
+from ._map import Map
+from ._meshes import CarriedMesh, Mesh, Surface
+from ._progress import Progress, shown
+from ._reports import PolycubeReport, Report
+from ._text import Rows, table, two_columns
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from ._options import CellKind, Orient, RepairOptions
+
+
+class Polycube:
+    """A polycube of a model, deformed from it, with the model's triangles.
+
+    Attributes
+    ----------
+    surface, image : Surface
+        The polycube and the model, with the same triangles: ``fit(p.surface, images=p.image)`` maps one to the other.
+    tets, image_tets : Mesh
+        The tetrahedra of both.
+    labels : ndarray of uint8, shape (m,)
+        For each triangle the direction that it faces along in the polycube: 0 to 5 for -x, +x, -y, +y, -z, +z.
+    report : PolycubeReport
+        How it was made.
+    """
+
+    def __init__(self, found: native.Polycube) -> None:
+        polycube, model = found.surfaces()
+        self.surface, self.image = Surface._of(polycube), Surface._of(model)
+        tets, image_tets = found.tets()
+        self.tets: Mesh = Mesh._of(tets)
+        self.image_tets: Mesh = Mesh._of(image_tets)
+        self.labels: NDArray[np.uint8] = found.labels
+        self.report = PolycubeReport._read(found.report_json)
+
+    def __repr__(self) -> str:
+        return repr(self.report)
+
+    def _repr_html_(self) -> str:
+        return self.report._repr_html_()
+
+
+class Hexmesh:
+    """A mesh of a model, and what led to it.
+
+    Attributes
+    ----------
+    mesh : CarriedMesh
+        The mesh, with its ``report`` and the cells in the polycube as ``mesh.domain``.
+    map : Map
+        The map from the polycube to the model.
+    polycube : Polycube or None
+        The polycube, where it is the model deformed.
+    voxels : Report or None
+        The polycube, where it consists of voxels.
+    """
+
+    def __init__(self, found: native.Hexmesh, max_distance: float) -> None:
+        map_, mesh, polycube = found.take()
+        self.map = Map._of(map_, found.tolerance_met)
+        self.mesh = CarriedMesh._carried(mesh)
+        self.polycube = None if polycube is None else Polycube(polycube)
+        voxels = found.voxels_json
+        self.voxels = None if voxels is None else Report(json.loads(voxels))
+        self._max_distance = max_distance
+
+    @property
+    def valid(self) -> bool:
+        """Whether no cell is inverted, the boundary does not pass through itself, and no part of the model is missed."""
+        return self.mesh.report.valid and self.mesh.report.target_to_mesh["max"] <= self._max_distance
+
+    def _rows(self) -> Rows:
+        first = [] if self.polycube is None else list(self.polycube.report._rows())
+        return [*first, *self.mesh.report._rows()]
+
+    def __repr__(self) -> str:
+        return two_columns(self._rows())
+
+    def _repr_html_(self) -> str:
+        return table("Hexmesh", self._rows())
+
+
+def _model(model: Any) -> Tuple[Optional[native.Surface], Optional[native.Cells], Optional[str]]:
+    found = inputs.solid("model", model)
+    return found.surface, found.cells, found.path
+
+
+def polycube(
+    model: Any,
+    *,
+    smoothness: float = 0.02,
+    orient: Orient = "given",
+    lattice: Optional[float] = None,
+    labels: Optional[ArrayLike] = None,
+    progress: Progress = None,
+) -> Polycube:
+    """Make a polycube of a model of any genus, for :func:`solidmap.fit` and :meth:`Map.remesh`.
+
+    Parameters
+    ----------
+    model : surface or tetrahedra
+        Closed surface, which TetGen fills; or a mesh of tetrahedra, which is used as it is.
+    smoothness : float
+        How much borders between charts count against directions: 0.005 gives many charts, 0.04 few.
+    orient : {"given", "principal", "best"}
+        How the model is turned first.
+    lattice : float, optional
+        Put the planes of the polycube on a lattice with cells of this size.
+    labels : array_like of integers, shape (m,), optional
+        Use these directions of the model's triangles instead of seeking some: 0 to 5 for -x, +x, -y, +y, -z, +z.
+    progress : bool or callable, optional
+        As for :func:`solidmap.check`.
+
+    Raises
+    ------
+    NumericalError
+        If no polycube was found.
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> ball = solidmap.shapes.sphere(levels=2)
+    >>> made = solidmap.polycube(ball)  # doctest: +NATIVE
+    >>> made.report.inverted, len(made.labels) == len(made.surface.faces)  # doctest: +NATIVE
+    (0, True)
+    """
+    surface, cells, _ = _model(model)
+    arguments: Dict[str, Any] = {
+        "smoothness": options.number("smoothness", smoothness),
+        "orient": options.choice("orient", orient, ["given", "principal", "best"]),
+        "lattice": options.optional(options.number, "lattice", lattice),
+    }
+    given = None
+    if labels is not None:
+        if surface is not None:
+            # TetGen keeps all triangles, and the numbers of their vertices.
+            triangles = surface.triangles
+        else:
+            assert cells is not None
+            triangles = _boundary_triangles(cells)
+        numbers = inputs.array_of("labels", labels)
+        if numbers.dtype.kind not in "iu" or numbers.shape != (len(triangles),):
+            raise InvalidInputError(
+                f"labels has the dtype {numbers.dtype} and the shape {numbers.shape}, but must have {len(triangles)} "
+                "integers, one for each triangle of the model"
+            )
+        if numbers.size and not (numbers.min() >= 0 and numbers.max() <= 5):
+            raise InvalidInputError("labels must be from 0 to 5, for -x, +x, -y, +y, -z, +z")
+        given = (triangles, np.require(numbers, np.uint8, ["C", "A"]))
+    with shown(progress) as callback:
+        return Polycube(native.polycube_of(surface, cells, arguments, given, callback))
+
+
+def _boundary_triangles(cells: native.Cells) -> NDArray[np.uint32]:
+    """Triangles of the boundary of tetrahedra, by the nodes of these, in the order of :attr:`Mesh.boundary`."""
+    boundary, nodes = cells.boundary(), cells.points
+    # The boundary keeps the order of the nodes that it has.
+    corners = np.unique(cells.cells)
+    order = {tuple(point): index for index, point in zip(corners[::-1], nodes[corners[::-1]].tolist())}
+    ids = np.array([order[tuple(point)] for point in boundary.vertices.tolist()], np.uint32)
+    return ids[boundary.triangles]
+
+
+def hexmesh(
+    model: Any,
+    *,
+    kind: CellKind = "hex",
+    cells: int = 32,
+    cell_size: Optional[float] = None,
+    polycube: str = "auto",
+    smoothness: float = 0.02,
+    orient: Orient = "given",
+    tolerance: float = 0.002,
+    polish: int = 200,
+    max_distance: float = 0.05,
+    worst: int = 5,
+    progress: Progress = None,
+    **repair: Unpack[RepairOptions],
+) -> Hexmesh:
+    """Mesh a model with hexahedra, by a polycube: :func:`polycube`, :func:`fit` and :meth:`Map.remesh` in one.
+
+    Parameters
+    ----------
+    model : surface or tetrahedra
+        Closed surface, or a mesh of tetrahedra. Any genus.
+    kind : {"hex", "tet"}
+        Shape of the cells.
+    cells : int
+        Cells along the longest side of the polycube.
+    cell_size : float, optional
+        Size of the cells in the polycube.
+    polycube : {"auto", "deformed", "voxels"}
+        Where the polycube comes from.
+    smoothness, orient
+        As for :func:`polycube`.
+    tolerance : float
+        Boundary error of the map over 99 % of the area, as a fraction of the model's diagonal.
+    polish : int
+        Iterations at most of each descent that improves the shapes of cells.
+    max_distance : float
+        Farthest that a vertex of the model may be from the mesh, as a fraction of the model's diagonal.
+    worst : int
+        How many of the worst places are listed.
+    progress : bool or callable, optional
+        As for :func:`solidmap.check`.
+    **repair
+        ``fix_boundary``, ``split_stuck``, ``effort``, ``max_cells`` and ``memory``, as for :meth:`Map.remesh`.
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> made = solidmap.hexmesh(solidmap.shapes.sphere(levels=2), cells=6)  # doctest: +NATIVE
+    >>> made.valid, made.mesh.kind  # doctest: +NATIVE
+    (True, 'hexes')
+    """
+    surface, tets, path = _model(model)
+    carried = options.carried(
+        dict(repair),
+        "hexmesh",
+        kind=kind,
+        cells=cells,
+        cell_size=cell_size,
+        no_repair=False,
+        polish=None,
+        worst=worst,
+    )
+    distance = options.number("max_distance", max_distance)
+    arguments = {
+        "polycube": options.choice("polycube", polycube, ["auto", "deformed", "voxels"]),
+        "smoothness": options.number("smoothness", smoothness),
+        "orient": options.choice("orient", orient, ["given", "principal", "best"]),
+        "tolerance": options.number("tolerance", tolerance),
+        "polish": options.count("polish", polish),
+        "max_distance": distance,
+    }
+    roles = [] if path is None else [("model", path)]
+    with shown(progress) as callback:
+        return Hexmesh(native.hexmesh(surface, tets, arguments, carried, roles, callback), distance)
