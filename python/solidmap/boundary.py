@@ -312,7 +312,7 @@ def pair(
     start: Optional[BoundaryMap] = None,
     domain_up: Optional[Up] = None,
     target_up: Optional[Up] = None,
-    max_stretched: float = 0.01,
+    max_stretched: float = 0.0075,
     via: Via = "targets",
     aligned: bool = False,
     no_improve: bool = False,

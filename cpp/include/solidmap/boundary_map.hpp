@@ -46,7 +46,7 @@ struct PairOptions {
   /// Directions of the domain and of the target that correspond roughly, within 60°; both zero: not known.
   Point domain_up = {0, 0, 0}, target_up = {0, 0, 0};
   /// Share of the domain's area above which the map looks wrong when it is stretched or compressed over 10 times there.
-  double most_stretched = 0.01;
+  double most_stretched = 0.0075;
   /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought. `conformal` seeks
   /// none by shape anyway.
   bool aligned = false;

@@ -88,11 +88,10 @@ const STEPS: [SearchStep; 4] = [
     SearchStep::new(LATE_LANDMARKS, 2, 2, 1.15),
     SearchStep::new(4000, 1, 2, AS_GOOD_COARSE),
 ];
-/// A different map is completed, too, when its energy with 4000 vertices is at most this times the least: then the better one is
-/// taken.
-const AS_GOOD_COARSE: f64 = 1.15;
 /// The same for solids in the same place.
 const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
+/// Another map is completed, too, when its energy with 4000 vertices is at most this times the least: then the better one is taken.
+const AS_GOOD_COARSE: f64 = 1.15;
 /// Vertices of landmark curves that coarse embeddings have.
 const MOST_LATE_OF_CURVES: usize = 40;
 /// Maps are alternatives to each other when their images of vertices are this far apart in the mean, as a fraction of the
@@ -224,7 +223,7 @@ impl PairMapping<'_> {
         })?;
         let given = self.given_embedding(&embedder, &starts);
         let is_given = given.is_some();
-        let ranked = match given {
+        let mut ranked = match given {
             Some(candidate) => vec![RankedEmbedding {
                 candidate,
                 start: 0,
@@ -234,26 +233,10 @@ impl PairMapping<'_> {
             None => best_of_starts(&embedder, &soft_targets, &schedules, &steps),
         };
         let compared = self.elapsed();
-        let mut ranked = ranked;
-        let rival = (!is_given && self.options.improve)
-            .then(|| rival(&ranked, &inverse))
-            .flatten();
-        let mut completed = None;
-        if let Some(k) = rival {
-            let of = |k: usize| self.completed(&embedder, &ranked[k], &starts[ranked[k].start]);
-            let both = [of(0)?, of(k)?];
-            let rating = |candidate: &EmbeddingCandidate| (candidate.missed().len(), candidate.energy);
-            let (first, second) = (rating(&both[0]), rating(&both[1]));
-            ranked[0].energies.push(first.1);
-            ranked[k].energies.push(second.1);
-            let [first_completed, second_completed] = both;
-            if second.0 < first.0 || (second.0 == first.0 && second.1 < first.1) {
-                ranked.swap(0, k);
-                completed = Some(second_completed);
-            } else {
-                completed = Some(first_completed);
-            }
-        }
+        let completed = match self.options.improve {
+            true => Some(self.completed_best(&embedder, &mut ranked, &starts)?),
+            false => None,
+        };
         let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
 
         let start = &starts[best.start];
@@ -263,11 +246,7 @@ impl PairMapping<'_> {
                 .by_soft_targets_alone(&start.soft_targets, &best.schedule)
                 .ok_or(TOO_FINE)?,
         };
-        let after = match (completed, self.options.improve) {
-            (Some(completed), _) => completed,
-            (None, true) => self.completed(&embedder, best, start)?,
-            (None, false) => before.clone(),
-        };
+        let after = completed.unwrap_or_else(|| before.clone());
         self.require_landmarks(&after)?;
         let alternatives = self.distinct(&inverse, best, others);
         if let [first, ..] = alternatives[..]
@@ -360,6 +339,29 @@ impl PairMapping<'_> {
         } else {
             (SCHEDULES.into(), STEPS.into())
         }
+    }
+
+    /// The best embedding, completed. Where another map is nearly as good, both are completed, and the better one becomes the first.
+    fn completed_best(
+        &self,
+        embedder: &DomainEmbedder,
+        ranked: &mut [RankedEmbedding],
+        starts: &[Start],
+    ) -> Result<EmbeddingCandidate, PairError> {
+        let completed = |ranked: &RankedEmbedding| self.completed(embedder, ranked, &starts[ranked.start]);
+        let first = completed(ranked.first().ok_or(PairError::NoEmbedding)?)?;
+        let Some(k) = rival(ranked, embedder.inverse) else {
+            return Ok(first);
+        };
+        let second = completed(&ranked[k])?;
+        ranked[0].energies.push(first.energy);
+        ranked[k].energies.push(second.energy);
+        let rating = |candidate: &EmbeddingCandidate| (candidate.missed().len(), candidate.energy);
+        if rating(&second) < rating(&first) {
+            ranked.swap(0, k);
+            return Ok(second);
+        }
+        Ok(first)
     }
 
     /// A coarse embedding with the rest of the vertices, and its distortion lowered.

@@ -130,8 +130,8 @@ pub enum PairStartKind {
 pub struct PairStart {
     /// What its soft targets come from.
     pub kind: PairStartKind,
-    /// The lowest mean symmetric Dirichlet energy (4 for an isometry) of its embeddings when they were last compared;
-    /// protrusions of the target inside a triangle count.
+    /// The lowest mean symmetric Dirichlet energy (4 for an isometry, 100 at most in any triangle) of its embeddings when they
+    /// were last compared; protrusions of the target inside a triangle count.
     pub energy: f64,
     /// Number of vertices that the embedding had.
     pub vertices: usize,

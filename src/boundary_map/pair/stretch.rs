@@ -24,7 +24,7 @@ pub struct Stretch {
 }
 
 /// The default of [`PairOptions::most_stretched`](super::PairOptions::most_stretched).
-pub(super) const MOST_STRETCHED: f64 = 0.01;
+pub(super) const MOST_STRETCHED: f64 = 0.0075;
 /// See [`Stretch::factor`].
 const FACTOR: f64 = 10.0;
 /// Places that are listed.
