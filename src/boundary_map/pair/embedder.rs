@@ -301,6 +301,20 @@ impl DomainEmbedder<'_> {
         map.mean_energy(embedding, MOST_COMPARED)
     }
 
+    /// Lowers the distortion of the map of an embedding that has only been pulled to soft targets, so that it can be compared.
+    pub fn settle(&self, candidate: &mut EmbeddingCandidate) {
+        let EmbeddingCandidate {
+            embedding,
+            pinned,
+            energy,
+        } = candidate;
+        let mut map = InterSurfaceMap::new(self.inverse, self.domain);
+        map.locate(embedding);
+        map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
+        self.improve(embedding, &mut map, pinned, &COARSE, &|_| ());
+        *energy = map.mean_energy(embedding, MOST_COMPARED);
+    }
+
     /// Lowers the distortion of the map until it has converged. `progress` gets the number of rounds so far.
     pub fn finish(&self, candidate: &mut EmbeddingCandidate, progress: &dyn Fn(usize)) {
         let EmbeddingCandidate {

@@ -193,9 +193,9 @@ fn refined(
     let refine = |mut ranked: RankedEmbedding| {
         let RankedEmbedding { start, schedule, .. } = ranked;
         let mut candidate = embedder.refine(ranked.candidate, starts[start], &schedule, vertices, &|_, _| ())?;
-        // A small surface has all its vertices before its schedule starts to minimise the distortion.
+        // Soft targets still pull, or a small surface has all its vertices before its schedule starts to minimise the distortion.
         if !candidate.energy.is_finite() {
-            embedder.finish(&mut candidate, &|_| ());
+            embedder.settle(&mut candidate);
         }
         ranked.energies.push(candidate.energy);
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
