@@ -2,7 +2,6 @@
 
 import json
 import os
-import time
 import tracemalloc
 
 import numpy as np
@@ -63,28 +62,3 @@ def test_images_take_over_the_memory_of_the_library(f, inside):
     assert images.flags.c_contiguous and images.flags.writeable and images.flags.aligned
     images[:] = 0
     assert f.jacobian(inside).flags.c_contiguous
-
-
-@pytest.mark.parametrize("points", [[[0.1, 0.2, 0.3]], [0.1, 0.2, 0.3]])
-def test_a_call_with_one_point_takes_microseconds(f, points):
-    array = np.array(points)
-    f(array)
-    best = min(timed(lambda: f(array)) for _ in range(2000))
-    native = f._map
-    row = array.reshape(1, 3)
-    alone = min(timed(lambda: native.evaluate(row, None)) for _ in range(2000))
-    # The whole of Python's part, above the native call; the budget of 20 µs is for both.
-    assert best - alone < 15e-6, (best, alone)
-
-
-def timed(work):
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
-
-
-def test_the_options_of_a_fit_cost_nothing_beside_it():
-    start = time.perf_counter()
-    for _ in range(100):
-        solidmap._map.options.method({}, "fit")
-    assert time.perf_counter() - start < 0.1
