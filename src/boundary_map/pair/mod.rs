@@ -341,7 +341,8 @@ impl PairMapping<'_> {
         }
     }
 
-    /// The best embedding, completed. Where another map is nearly as good, both are completed, and the better one becomes the first.
+    /// The best embedding, completed. Where another map is nearly as good, both are completed, and the better one becomes the first;
+    /// where it misses landmarks, the first of the others that meets all.
     fn completed_best(
         &self,
         embedder: &DomainEmbedder,
@@ -350,6 +351,17 @@ impl PairMapping<'_> {
     ) -> Result<EmbeddingCandidate, PairError> {
         let completed = |ranked: &RankedEmbedding| self.completed(embedder, ranked, &starts[ranked.start]);
         let first = completed(ranked.first().ok_or(PairError::NoEmbedding)?)?;
+        if !first.missed().is_empty() {
+            let others = 1..ranked.len().min(search::MOST_WHERE_MISSED);
+            for k in others.filter(|&k| ranked[k].energies.len() == ranked[0].energies.len()) {
+                let other = completed(&ranked[k])?;
+                if other.missed().is_empty() {
+                    ranked.swap(0, k);
+                    return Ok(other);
+                }
+            }
+            return Ok(first);
+        }
         let Some(k) = rival(ranked, embedder.inverse) else {
             return Ok(first);
         };

@@ -59,6 +59,8 @@ pub(crate) struct RankedEmbedding {
 
 /// Maps are alike when their images of vertices are this close in the mean, as a fraction of the target's diagonal.
 pub(super) const ALIKE: f64 = 0.03;
+/// Embeddings that continue where all miss landmarks.
+pub(super) const MOST_WHERE_MISSED: usize = 4;
 /// Embeddings are the same when their energies and images differ by no more than this fraction.
 const ROUNDING: f64 = 1e-9;
 
@@ -136,7 +138,12 @@ pub(crate) fn best_of_starts(
                 .filter(|other| embedding.distance(other, embedder.inverse) < ALIKE * diagonal);
             let (missed, energy) = rating(&embedding);
             let is_good = missed == best.0 && energy <= step.most_energy_ratio * best.1;
-            if kept.len() < step.most && is_good && alike.count() < step.most_alike {
+            // Which one will meet the landmarks that are missed is not known yet.
+            let (is_good, most, most_alike) = match best.0 {
+                0 => (is_good, step.most, step.most_alike),
+                _ => (true, step.most.max(MOST_WHERE_MISSED), MOST_WHERE_MISSED),
+            };
+            if kept.len() < most && is_good && alike.count() < most_alike {
                 kept.push(embedding);
             } else {
                 given_up.push(embedding);
