@@ -107,6 +107,11 @@ const FINE: AlternationLimits = AlternationLimits {
     least_decrease: 1e-3,
 };
 const FINE_VERTICES: usize = 3000;
+/// Limits for embeddings that have only been pulled to soft targets. Those that go on meet more landmarks later for it.
+const SETTLING: AlternationLimits = AlternationLimits {
+    most_rounds: 15,
+    least_decrease: 1e-4,
+};
 /// Limits at the end.
 const LAST: AlternationLimits = AlternationLimits {
     most_rounds: 10,
@@ -311,7 +316,8 @@ impl DomainEmbedder<'_> {
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
         map.locate(embedding);
         map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
-        self.improve(embedding, &mut map, pinned, &COARSE, &|_| ());
+        self.meet_pins(embedding, &mut map, pinned, f64::INFINITY, true);
+        self.improve(embedding, &mut map, pinned, &SETTLING, &|_| ());
         *energy = map.mean_energy(embedding, MOST_COMPARED);
     }
 
