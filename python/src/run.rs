@@ -186,7 +186,8 @@ fn show(progress: &Bound<'_, PyAny>, watch: &Watch) -> PyResult<bool> {
         return Ok(true);
     };
     let answer = progress.call1((name, fraction, detail))?;
-    Ok(!answer.extract::<bool>().is_ok_and(|goes_on| !goes_on))
+    // Anything but `False`, such as the `None` of a plain function, lets it go on.
+    Ok(!matches!(answer.extract::<bool>(), Ok(false)))
 }
 
 fn deadline_after(seconds: f64) -> Result<Instant, Failure> {

@@ -2,6 +2,8 @@
 
 import base64
 import io
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -48,4 +50,6 @@ def test_the_notebooks_in_the_repository_have_their_pictures():
     for path in NOTEBOOKS:
         book = nbformat.read(path, as_version=4)
         assert list(pictures(book)), f"{path.name} was saved without its outputs"
-        assert not any("/tmp/" in str(cell) or "/work/" in str(cell) or "/home/" in str(cell) for cell in book.cells)
+        # Folders of the machine that ran them are no one else's business.
+        folders = {str(Path.home()), str(ROOT), tempfile.gettempdir()}
+        assert not any(f"{folder}/" in str(cell) for folder in folders for cell in book.cells)

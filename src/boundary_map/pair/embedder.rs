@@ -61,8 +61,7 @@ pub(crate) struct EmbeddingCandidate {
     /// Which of the pins are met.
     pub pinned: Vec<bool>,
     /// Mean symmetric Dirichlet energy of the map to the target, 1 for an isometry and [`MOST_COMPARED`] at most in any
-    /// triangle, with that of springs of pins that are
-    /// not met. Infinite while it has only been pulled to soft targets.
+    /// triangle, with that of springs of pins that are not met. Infinite while it has only been pulled to soft targets.
     pub energy: f64,
 }
 
