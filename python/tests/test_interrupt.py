@@ -194,7 +194,8 @@ def test_cgal_and_tetgen_run_in_processes_of_their_own_that_may_die():
 def test_a_time_limit_takes_the_best_map_so_far():
     ball = solidmap.shapes.sphere(levels=4)
     bent = ball.points + 0.2 * np.sin(9 * ball.points[:, ::-1])
-    limited = solidmap.fit(ball, images=bent, tolerance=1e-7, time_limit=0.5)
+    # Over before the first solution is there, on any machine: that solution is the best so far.
+    limited = solidmap.fit(ball, images=bent, tolerance=1e-7, time_limit=1e-6)
     assert limited.report.refinement_end == "concluded" and limited.tolerance_met is False
     with pytest.raises(solidmap.InvalidInputError, match="time_limit"):
         solidmap.fit(ball, images=bent, time_limit=-1)
