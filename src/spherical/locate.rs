@@ -14,7 +14,7 @@ use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::{Point, Vector};
 
-/// Evaluates the inverse of a [`SphericalEmbedding`]. Construction takes some 200 bytes and 0.7 µs per triangle.
+/// Evaluates the inverse of a [`SphericalEmbedding`]. Construction takes some 300 bytes and 0.7 µs per triangle.
 ///
 /// Every direction has a point: where rounding leaves several triangles or none, it is in the triangle where the
 /// smallest barycentric coordinate is largest, of equals in the first. The direction of a vertex, bit for bit, gives
@@ -31,6 +31,10 @@ pub struct Locator {
 #[derive(Debug, Clone)]
 struct Triangle {
     corners: [Vector; 3],
+    /// Normals of the sides opposite to the corners, such that `m` are their products with a direction.
+    normals: [Vector; 3],
+    /// A bound above the rounding errors of these products.
+    noise: f64,
     /// Indices of the triangles across the sides opposite to the corners.
     neighbours: [u32; 3],
     /// Index in the surface.
@@ -52,7 +56,9 @@ const NOISE: f64 = 64.0 * f64::EPSILON;
 /// Boxes are enlarged by this for rounding errors of directions.
 const MARGIN: f64 = 64.0 * f64::EPSILON;
 /// Triangles to walk through from a hint; a search from scratch is faster than a longer walk.
-const MAX_WALK: usize = 16;
+const MAX_WALK: usize = 48;
+/// Directions that are located one after the other.
+const CHUNK: usize = 256;
 
 impl Locator {
     /// The inverse of an embedding.
@@ -77,11 +83,18 @@ impl Locator {
             let other = sides.find(|side| side.triangle != t).expect("a closed surface");
             leaf_of_triangle[other.triangle as usize]
         };
-        let triangle = |&t: &u32| Triangle {
-            corners: corners(&surface.triangles()[t as usize]),
-            // Side `k` runs from corner `k` to the next, opposite to the one before.
-            neighbours: [1, 2, 0].map(|side| across(t, side)),
-            index: t,
+        let triangle = |&t: &u32| {
+            let corners = corners(&surface.triangles()[t as usize]);
+            let [a, b, c] = corners;
+            let normals = [b.cross(&(c - b)), c.cross(&(a - c)), a.cross(&(b - a))];
+            Triangle {
+                corners,
+                normals,
+                noise: NOISE * normals.iter().map(Vector::norm).fold(0.0, f64::max),
+                // Side `k` runs from corner `k` to the next, opposite to the one before.
+                neighbours: [1, 2, 0].map(|side| across(t, side)),
+                index: t,
+            }
         };
         let triangles = tree.order().par_iter().map(triangle).collect();
         Self {
@@ -112,11 +125,31 @@ impl Locator {
         directions.map(|x| self.locate(x)).collect()
     }
 
+    /// The triangles of directions of which each is near the next: then faster than [`Self::locate_all`].
+    pub(crate) fn triangles_along(&self, directions: &[Vector]) -> Vec<u32> {
+        let of_chunk = |chunk: &[Vector]| {
+            let mut hint = u32::MAX;
+            let mut of_next = |x: &Vector| {
+                hint = self.locate_from(x, hint).triangle;
+                hint
+            };
+            chunk.iter().map(&mut of_next).collect::<Vec<u32>>()
+        };
+        directions.par_chunks(CHUNK).flat_map_iter(of_chunk).collect()
+    }
+
     /// `None` when the walk is too long or the point is on an edge up to rounding.
     fn walk(&self, x: &Vector, hint: u32) -> Option<SurfacePoint> {
         let mut at = *self.leaf_of_triangle.get(hint as usize)?;
         for _ in 0..MAX_WALK {
             let triangle = &self.triangles[at as usize];
+            let products = triangle.normals.map(|normal| normal.dot(x));
+            let farthest = if products[1] < products[0] { 1 } else { 0 };
+            let farthest = if products[2] < products[farthest] { 2 } else { farthest };
+            if products[farthest] < -triangle.noise {
+                at = triangle.neighbours[farthest];
+                continue;
+            }
             let weights = triangle.weights(x);
             if weights.are_inside() {
                 return Some(triangle.point(&weights, x));
@@ -439,6 +472,8 @@ mod tests {
             directions.extend(random_directions(2000));
             let all = locator.locate_all(&directions);
             let triangles = map.surface().triangles().len() as u32;
+            let along = locator.triangles_along(&directions);
+            assert!(along.iter().zip(&all).all(|(&t, point)| t == point.triangle), "{name}");
             for (x, point) in directions.iter().zip(&all) {
                 assert_eq!(&locator.locate(x), point, "{name}");
                 for hint in [point.triangle, random.random_range(0..triangles), u32::MAX] {

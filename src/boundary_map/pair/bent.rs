@@ -4,7 +4,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::inter_surface::{DomainTriangle, InverseEmbedding, jacobian_invariants};
+use super::inter_surface::{DomainTriangle, InverseEmbedding, VertexImage, jacobian_invariants};
 use crate::{Matrix3, Point, Vector};
 
 /// The corners of the pieces: 0 to 2 are those of the triangle, 3 to 5 the midpoints of [`SIDES`]. All pieces are similar to
@@ -24,17 +24,27 @@ pub(super) fn straight_energy([y, a, b]: [&Point; 3], triangle: &DomainTriangle)
     0.25 * triangle.rest.area * (s + s / (c * c))
 }
 
-/// The same of the four pieces. `hints` are triangles of the target near the corners.
+/// The same of the four pieces. `hints` are triangles of the target near the middles of [`SIDES`].
 pub(super) fn bent_energy(
     inverse: &InverseEmbedding,
     x: [&Vector; 3],
-    corners: [&Point; 3],
+    corners: [&VertexImage; 3],
     hints: [u32; 3],
     triangle: &DomainTriangle,
 ) -> f64 {
-    let middle = |[m, n]: [usize; 2]| inverse.image(&(x[m] + x[n]).normalize(), hints[m]).point;
-    let [d, e, f] = SIDES.map(middle);
-    let points = [corners[0], corners[1], corners[2], &d, &e, &f];
+    let middles = middles(inverse, x, hints);
+    pieces_energy(
+        corners.map(|corner| &corner.point),
+        middles.each_ref().map(|middle| &middle.point),
+        triangle,
+    )
+}
+
+/// The energy of the four pieces between the images of the corners and of the middles of [`SIDES`].
+pub(super) fn pieces_energy(corners: [&Point; 3], middles: [&Point; 3], triangle: &DomainTriangle) -> f64 {
+    let [a, b, c] = corners;
+    let [d, e, f] = middles;
+    let points = [a, b, c, d, e, f];
     let piece = triangle.piece();
     PIECES
         .iter()
@@ -42,37 +52,64 @@ pub(super) fn bent_energy(
         .sum()
 }
 
+/// The images of the middles of [`SIDES`].
+pub(super) fn middles(inverse: &InverseEmbedding, x: [&Vector; 3], hints: [u32; 3]) -> [VertexImage; 3] {
+    [0, 1, 2].map(|k| {
+        let [m, n] = SIDES[k];
+        middle(inverse, x[m], x[n], hints[k])
+    })
+}
+
+/// The image of the middle of a side on the sphere.
+pub(super) fn middle(inverse: &InverseEmbedding, a: &Vector, b: &Vector, hint: u32) -> VertexImage {
+    inverse.image(&(a + b).normalize(), hint)
+}
+
+/// The same, with derivatives: `moved` are those of `a + b`.
+pub(super) fn moved_middle<const N: usize>(
+    inverse: &InverseEmbedding,
+    a: &Vector,
+    b: &Vector,
+    hint: u32,
+    moved: &SMatrix<f64, 3, N>,
+) -> (Point, SMatrix<f64, 3, N>) {
+    let sum = a + b;
+    let (middle, length) = (sum.normalize(), sum.norm());
+    let image = inverse.image(&middle, hint);
+    let turn = (Matrix3::identity() - middle * middle.transpose()) / length;
+    (image.point, inverse.derivative(&middle, &image) * turn * moved)
+}
+
+/// [`moved_middle`] of all [`SIDES`], from the derivatives of the directions of the corners (tangent to the sphere).
+pub(super) fn moved_middles<const N: usize>(
+    inverse: &InverseEmbedding,
+    x: [&Vector; 3],
+    hints: [u32; 3],
+    directions: &[SMatrix<f64, 3, N>; 3],
+) -> [(Point, SMatrix<f64, 3, N>); 3] {
+    [0, 1, 2].map(|k| {
+        let [m, n] = SIDES[k];
+        moved_middle(inverse, x[m], x[n], hints[k], &(directions[m] + directions[n]))
+    })
+}
+
 impl<const N: usize> BentImage<N> {
-    /// From the directions and images of the corners, and the derivatives of the directions (tangent to the sphere) by the
-    /// coordinates.
+    /// From the images of the corners and of the middles of [`SIDES`], and their derivatives by the coordinates.
     pub fn new(
-        inverse: &InverseEmbedding,
-        x: [&Vector; 3],
-        hints: [u32; 3],
-        directions: &[SMatrix<f64, 3, N>; 3],
+        corners: [&Point; 3],
+        chains: [SMatrix<f64, 3, N>; 3],
+        middles: [(Point, SMatrix<f64, 3, N>); 3],
     ) -> Self {
-        let of_corner = |k: usize| {
-            let image = inverse.image(x[k], hints[k]);
-            (image.point, inverse.derivative(x[k], &image) * directions[k])
-        };
-        let of_side = |[m, n]: [usize; 2]| {
-            let sum = x[m] + x[n];
-            let (middle, length) = (sum.normalize(), sum.norm());
-            let image = inverse.image(&middle, hints[m]);
-            let turn = (Matrix3::identity() - middle * middle.transpose()) / length;
-            let chain = inverse.derivative(&middle, &image) * turn * (directions[m] + directions[n]);
-            (image.point, chain)
-        };
-        let [a, b, c] = [0, 1, 2].map(of_corner);
-        let [d, e, f] = SIDES.map(of_side);
-        let all = [a, b, c, d, e, f];
+        let [a, b, c] = corners;
+        let [(d, of_d), (e, of_e), (f, of_f)] = middles;
+        let [of_a, of_b, of_c] = chains;
         Self {
-            points: all.map(|corner| corner.0),
-            chains: all.map(|corner| corner.1),
+            points: [*a, *b, *c, d, e, f],
+            chains: [of_a, of_b, of_c, of_d, of_e, of_f],
         }
     }
 
-    /// First derivatives of the [energy](bent_energy), and semidefinite ones in place of the second.
+    /// First derivatives of the [energy](pieces_energy), and semidefinite ones in place of the second.
     pub fn derivatives(&self, triangle: &DomainTriangle) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
         let (mut gradient, mut hessian) = (SVector::zeros(), SMatrix::zeros());
         let piece = triangle.piece();

@@ -114,7 +114,7 @@ const SETTLING: AlternationLimits = AlternationLimits {
 /// Limits at the end.
 const LAST: AlternationLimits = AlternationLimits {
     most_rounds: 10,
-    least_decrease: 2e-3,
+    least_decrease: 5e-3,
 };
 /// The most energy of a triangle, over that of an isometry, when embeddings are compared: a few triangles that are nearly
 /// degenerate, here and there, would decide otherwise.

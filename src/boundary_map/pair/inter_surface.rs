@@ -13,17 +13,19 @@ use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-use super::bent::{BentImage, add_straight, bent_energy, straight_energy};
+use super::bent::{BentImage, add_straight, bent_energy, middles, moved_middles, pieces_energy, straight_energy};
+use super::star::{StarTriangle, VertexStar};
+use crate::geometry::morton_order;
 use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::{
     DistortionEnergy, ElementDerivatives, EnergyWeights, Locator, Objective, PartialEmbedding, RestShape, RestShapes,
-    SphericalEmbedding, det, newton_step, positive_det,
+    SphericalEmbedding, det,
 };
 use crate::{Matrix3, Point, Vector};
 
 /// Weight of the angle distortion on the sphere. It acts as a barrier against flat triangles on the sphere: the energy
 /// of the straight triangles between points of the target can be finite there.
-const BARRIER: f64 = 1e-3;
+pub(super) const BARRIER: f64 = 1e-3;
 
 /// Largest number of samples of the target that the search for protrusions uses.
 const MOST_SAMPLES: usize = 20_000;
@@ -38,8 +40,6 @@ const BENT: f64 = 1.2;
 /// Vertices per task of a sweep.
 const LEAST_SWEPT: usize = 64;
 const UNCOLOURED: u8 = u8::MAX;
-/// Share of the fall that the slope predicts from which a longer step is tried.
-const NEARLY_LINEAR: f64 = 0.6;
 /// Area ratios are capped here.
 const MOST_AREA_RATIO: f64 = 100.0;
 
@@ -49,7 +49,7 @@ pub(crate) struct InverseEmbedding<'a> {
     locator: &'a Locator,
     /// Lengths of the target are multiplied by this, so that its area is 4π.
     scale: f64,
-    /// Directions of samples of the target, and the areas that these represent.
+    /// Directions of samples of the target, each near the next, and the areas that these represent.
     samples: Vec<(Vector, f64)>,
 }
 
@@ -86,20 +86,12 @@ pub(crate) struct InterSurfaceMap<'a> {
     /// These triangles, of all searches: those that straighten would bend again. Keys start with the lowest vertex.
     bent: HashSet<[u32; 3]>,
     /// The triangles of each inserted vertex and each of its neighbours in turn, as of the last search for protrusions.
-    stars: Vec<SmallVec<[DomainTriangle; 8]>>,
+    stars: Vec<SmallVec<[StarTriangle; 8]>>,
     /// Colours of the inserted vertices, such that neighbours differ, and their number: as of then.
     colours: Vec<u8>,
     colour_count: usize,
     /// Springs of vertices, part of the energy.
     pub springs: BTreeMap<u32, Spring>,
-}
-
-/// A neighbour of a vertex.
-struct RingCorner {
-    direction: Vector,
-    image: VertexImage,
-    /// The triangle of the vertex, this neighbour and the next.
-    triangle: DomainTriangle,
 }
 
 /// A triangle of the domain as the energy sees it.
@@ -109,7 +101,7 @@ pub(super) struct DomainTriangle {
     /// Rest area divided by the [area ratio](InterSurfaceMap::protrusions): the area that counts in the Jacobian.
     pub reference_area: f64,
     /// Whether its energy is that of four pieces.
-    is_bent: bool,
+    pub is_bent: bool,
 }
 
 impl DomainTriangle {
@@ -126,8 +118,6 @@ impl DomainTriangle {
     }
 }
 
-type VertexStar = SmallVec<[RingCorner; 10]>;
-
 impl<'a> InverseEmbedding<'a> {
     pub fn new(target: &'a SphericalEmbedding, locator: &'a Locator) -> Self {
         let surface = target.surface();
@@ -139,11 +129,13 @@ impl<'a> InverseEmbedding<'a> {
             let area = surface.area_vector(t).norm() * scale * scale;
             (corners.iter().sum::<Vector>().normalize(), stride as f64 * area)
         };
+        let samples: Vec<(Vector, f64)> = (0..count).step_by(stride).map(sample).collect();
+        let ends: Vec<Point> = samples.iter().map(|sample| sample.0.into()).collect();
         Self {
             target,
             locator,
             scale,
-            samples: (0..count).step_by(stride).map(sample).collect(),
+            samples: morton_order(&ends).into_iter().map(|i| samples[i as usize]).collect(),
         }
     }
 
@@ -199,7 +191,7 @@ impl<'a> InterSurfaceMap<'a> {
             protrusions: HashMap::new(),
             finds_bent: false,
             bent: HashSet::new(),
-            stars: vec![SmallVec::new(); domain.vertices().len()],
+            stars: domain.vertices().iter().map(|_| SmallVec::new()).collect(),
             colours: vec![0; domain.vertices().len()],
             colour_count: 0,
             springs: BTreeMap::new(),
@@ -225,8 +217,8 @@ impl<'a> InterSurfaceMap<'a> {
         let samples: Vec<(Vector, f64)> = self.inverse.samples.iter().step_by(stride).copied().collect();
         let sampled: Vec<Vector> = samples.iter().map(|sample| sample.0).collect();
         let mut covered = vec![(0, 0.0); triangles.len()];
-        for (found, (_, area)) in locator.locate_all(&sampled).iter().zip(&samples) {
-            let (count, sum) = &mut covered[found.triangle as usize];
+        for (found, (_, area)) in locator.triangles_along(&sampled).iter().zip(&samples) {
+            let (count, sum) = &mut covered[*found as usize];
             *count += 1;
             *sum += stride as f64 * area;
         }
@@ -246,7 +238,7 @@ impl<'a> InterSurfaceMap<'a> {
             let star = ring
                 .iter()
                 .zip(next)
-                .map(|(&r, &next)| self.domain_triangle([v, r, next]));
+                .map(|(&r, &next)| StarTriangle::new(self.domain_triangle([v, r, next])));
             self.stars[v as usize] = star.collect();
         }
         self.colour(embedding);
@@ -262,11 +254,10 @@ impl<'a> InterSurfaceMap<'a> {
                 is_bent: true,
             };
             let images = t.map(|v| &self.images[v as usize]);
-            let points = images.map(|image| &image.point);
             let hints = images.map(|image| image.triangle);
             let x = t.map(|v| &embedding.directions[v as usize]);
-            let straight = straight_energy(points, &triangle);
-            bent_energy(self.inverse, x, points, hints, &triangle) > BENT * straight
+            let straight = straight_energy(images.map(|image| &image.point), &triangle);
+            bent_energy(self.inverse, x, images, hints, &triangle) > BENT * straight
         };
         let found: Vec<[u32; 3]> = triangles.par_iter().filter(is_bent).map(|t| lowest_first(*t)).collect();
         found.into_iter().collect()
@@ -332,11 +323,16 @@ impl<'a> InterSurfaceMap<'a> {
         for group in of_colour {
             let moved = |star: &mut VertexStar, &v: &u32| {
                 self.gather(embedding, v, star);
-                let x = embedding.directions[v as usize];
-                self.better_place(&x, &self.images[v as usize], star, self.springs.get(&v))
+                let spring = self.springs.get(&v);
+                star.better_place(
+                    self.inverse,
+                    &embedding.directions[v as usize],
+                    &self.images[v as usize],
+                    spring,
+                )
             };
             let chunks = group.par_iter().with_min_len(LEAST_SWEPT);
-            let moved: Vec<Option<(Vector, VertexImage)>> = chunks.map_init(VertexStar::new, moved).collect();
+            let moved: Vec<Option<(Vector, VertexImage)>> = chunks.map_init(VertexStar::default, moved).collect();
             for (&v, moved) in group.iter().zip(moved) {
                 if let Some((x, image)) = moved {
                     embedding.directions[v as usize] = x;
@@ -351,12 +347,16 @@ impl<'a> InterSurfaceMap<'a> {
     pub fn distorted(&self, embedding: &PartialEmbedding, limit: f64) -> Vec<u32> {
         let is_distorted = |star: &mut VertexStar, &v: &u32| {
             self.gather(embedding, v, star);
-            let area: f64 = star.iter().map(|corner| corner.triangle.rest.area).sum();
-            let value = self.value(&embedding.directions[v as usize], &self.images[v as usize], star, None);
-            value.is_none_or(|value| value > limit * area)
+            let value = star.value(
+                self.inverse,
+                &embedding.directions[v as usize],
+                &self.images[v as usize],
+                None,
+            );
+            value.is_none_or(|value| value > limit * star.area())
         };
         let inserted = embedding.inserted.par_iter().with_min_len(LEAST_SWEPT);
-        let is_distorted: Vec<bool> = inserted.map_init(VertexStar::new, is_distorted).collect();
+        let is_distorted: Vec<bool> = inserted.map_init(VertexStar::default, is_distorted).collect();
         let mut found = Vec::new();
         for (&v, _) in embedding.inserted.iter().zip(is_distorted).filter(|(_, is)| *is) {
             found.push(v);
@@ -370,16 +370,11 @@ impl<'a> InterSurfaceMap<'a> {
     /// Fills `star` with the neighbours of a vertex.
     fn gather(&self, embedding: &PartialEmbedding, v: u32, star: &mut VertexStar) {
         let ring = embedding.rings.of(v);
-        star.clear();
-        star.extend(
-            ring.iter()
-                .zip(&self.stars[v as usize])
-                .map(|(&r, triangle)| RingCorner {
-                    direction: embedding.directions[r as usize],
-                    image: self.images[r as usize],
-                    triangle: *triangle,
-                }),
-        );
+        let corners = ring
+            .iter()
+            .map(|&r| (embedding.directions[r as usize], self.images[r as usize]));
+        let x = &embedding.directions[v as usize];
+        star.fill(self.inverse, x, corners.zip(&self.stars[v as usize]));
     }
 
     /// Mean energy over the domain's area, 1 for an isometry, with that of the springs.
@@ -389,19 +384,27 @@ impl<'a> InterSurfaceMap<'a> {
 
     /// The same, but that no triangle counts with more than `most` times the energy of an isometry.
     pub fn mean_energy(&self, embedding: &PartialEmbedding, most: f64) -> f64 {
-        let mut sum = [0.0; 2];
-        for t in embedding.rings.triangles() {
-            let triangle = self.domain_triangle(t);
+        let of_triangle = |t: &[u32; 3]| {
+            let triangle = self.domain_triangle(*t);
             let images = t.map(|v| &self.images[v as usize]);
-            let x = t.map(|v| &embedding.directions[v as usize]);
-            let energy = triangle.energy(self.inverse, x, images);
-            sum[0] += triangle.rest.area;
-            sum[1] += if energy <= most * triangle.rest.area {
-                energy
-            } else {
-                // Also where the image has no area, and the energy is not defined.
-                most * triangle.rest.area
+            let energy = match triangle.is_bent {
+                true => {
+                    let x = t.map(|v| &embedding.directions[v as usize]);
+                    bent_energy(self.inverse, x, images, images.map(|image| image.triangle), &triangle)
+                }
+                false => straight_energy(images.map(|image| &image.point), &triangle),
             };
+            let area = triangle.rest.area;
+            // Also where the image has no area, and the energy is not defined.
+            (area, if energy <= most * area { energy } else { most * area })
+        };
+        let triangles = embedding.rings.triangles();
+        let triangles = triangles.par_iter().with_min_len(LEAST_SWEPT);
+        let values: Vec<(f64, f64)> = triangles.map(of_triangle).collect();
+        let mut sum = [0.0; 2];
+        for (area, energy) in values {
+            sum[0] += area;
+            sum[1] += energy;
         }
         for (&v, spring) in &self.springs {
             sum[1] += spring.energy(&embedding.directions[v as usize]);
@@ -409,131 +412,10 @@ impl<'a> InterSurfaceMap<'a> {
         let mean = sum[1] / sum[0];
         if mean.is_nan() { f64::INFINITY } else { mean }
     }
-
-    /// Energy of a vertex's triangles with the vertex at direction `x` and its image at `y`; `None` where it is not
-    /// defined or a triangle on the sphere is not positive.
-    fn value(&self, x: &Vector, image: &VertexImage, star: &VertexStar, spring: Option<&Spring>) -> Option<f64> {
-        let mut value = spring.map_or(0.0, |spring| spring.energy(x));
-        for (i, a) in star.iter().enumerate() {
-            let b = &star[(i + 1) % star.len()];
-            let d = positive_det(x, &a.direction, &b.direction)?;
-            let rest = &a.triangle.rest;
-            let shape = rest.dirichlet(x, &a.direction, &b.direction) / (2.0 * d);
-            let directions = [x, &a.direction, &b.direction];
-            let images = [image, &a.image, &b.image];
-            value += a.triangle.energy(self.inverse, directions, images) + rest.area * BARRIER * shape;
-        }
-        // NaN where the image has no area, as between two coincident sheets of the target.
-        (!value.is_nan()).then_some(value)
-    }
-
-    /// A Newton step with line search that lowers the energy of a vertex's triangles; `None` if there is none.
-    fn better_place(
-        &self,
-        x: &Vector,
-        image: &VertexImage,
-        star: &VertexStar,
-        spring: Option<&Spring>,
-    ) -> Option<(Vector, VertexImage)> {
-        let before = self.value(x, image, star, spring)?;
-        let y = image.point;
-        let tangent = Matrix3::identity() - x * x.transpose();
-        // Derivatives with respect to the image of the vertex, and to its direction.
-        let (mut image_gradient, mut image_hessian) = (Vector::zeros(), Matrix3::zeros());
-        let (mut gradient, mut hessian) = (Vector::zeros(), Matrix3::zeros());
-        for (i, a) in star.iter().enumerate() {
-            let b = &star[(i + 1) % star.len()];
-            let DomainTriangle {
-                rest,
-                reference_area,
-                is_bent,
-            } = a.triangle;
-            let [_, ca, cb] = rest.cotangents;
-            if is_bent {
-                let hints = [image.triangle, a.image.triangle, b.image.triangle];
-                let moves = [tangent, Matrix3::zeros(), Matrix3::zeros()];
-                let bent = BentImage::new(self.inverse, [x, &a.direction, &b.direction], hints, &moves);
-                let (of_bent, second) = bent.derivatives(&a.triangle);
-                gradient += of_bent;
-                hessian += second;
-            } else {
-                let (p, q) = (a.image.point, b.image.point);
-                let (s, c, normal) = jacobian_invariants(&y, &p, &q, &a.triangle);
-                let ds = (ca * (y - q) + cb * (y - p)) / reference_area;
-                let dc = normal.cross(&(q - p)) / (2.0 * reference_area);
-                let w = 0.25 * rest.area;
-                let (c2, c3) = (c * c, c * c * c);
-                image_gradient += w * ((1.0 + 1.0 / c2) * ds - 2.0 * s / c3 * dc);
-                let cross = ds * dc.transpose();
-                image_hessian += w
-                    * (Matrix3::identity() * ((ca + cb) / reference_area * (1.0 + 1.0 / c2))
-                        - (cross + cross.transpose()) * (2.0 / c3)
-                        + dc * dc.transpose() * (6.0 * s / (c2 * c2)));
-            }
-            let d = det(x, &a.direction, &b.direction);
-            let n = a.direction.cross(&(b.direction - a.direction));
-            let q = rest.dirichlet(x, &a.direction, &b.direction);
-            let dq = 2.0 * (ca * (x - b.direction) + cb * (x - a.direction));
-            let w = 0.5 * BARRIER * rest.area;
-            let cross = dq * n.transpose();
-            gradient += w * (dq / d - q / (d * d) * n);
-            hessian += w
-                * (Matrix3::identity() * (2.0 * (ca + cb) / d) - (cross + cross.transpose()) / (d * d)
-                    + n * n.transpose() * (2.0 * q / (d * d * d)));
-        }
-        let chain = self.inverse.derivative(x, image);
-        gradient += chain.transpose() * image_gradient;
-        hessian += chain.transpose() * image_hessian * chain;
-        if let Some(spring) = spring {
-            gradient += 2.0 * spring.weight * (x - spring.to);
-            hessian += Matrix3::identity() * (2.0 * spring.weight);
-        }
-        let step = newton_step(x, &gradient, &hessian)?;
-        let step_to = |share: f64| {
-            let to = (x + share * step).normalize();
-            let there = self.inverse.image(&to, image.triangle);
-            let value = self.value(&to, &there, star, spring)?;
-            (value < before).then_some((value, (to, there)))
-        };
-        let mut share = 1.0;
-        let mut best = None;
-        for _ in 0..8 {
-            best = step_to(share);
-            if best.is_some() {
-                break;
-            }
-            share *= 0.4;
-        }
-        // Newton's steps out of a narrow triangle are far too short: lengthen them while the energy falls, where it fell
-        // nearly as its slope says. By the quadratic model it falls by half of that.
-        let slope = gradient.dot(&step).abs();
-        while let Some((value, _)) = best {
-            if before - value < NEARLY_LINEAR * share * slope {
-                break;
-            }
-            share *= 2.5;
-            match step_to(share) {
-                Some(farther) if farther.0 < value && share < 1e3 => best = Some(farther),
-                _ => break,
-            }
-        }
-        best.map(|(_, place)| place)
-    }
-}
-
-impl DomainTriangle {
-    /// The energy of its image, in four pieces where it bends.
-    fn energy(&self, inverse: &InverseEmbedding, x: [&Vector; 3], images: [&VertexImage; 3]) -> f64 {
-        let points = images.map(|image| &image.point);
-        match self.is_bent {
-            true => bent_energy(inverse, x, points, images.map(|image| image.triangle), self),
-            false => straight_energy(points, self),
-        }
-    }
 }
 
 impl Spring {
-    fn energy(&self, x: &Vector) -> f64 {
+    pub(super) fn energy(&self, x: &Vector) -> f64 {
         self.weight * (x - self.to).norm_squared()
     }
 }
@@ -555,16 +437,20 @@ pub(crate) struct InterSurfaceEnergy<'a> {
     springs: Vec<(usize, usize, Spring)>,
     /// Triangle of the target in which each vertex was found last. Affects the time of the next search, not its result.
     hints: Vec<AtomicU32>,
+    /// The same for the middles of the sides of triangles that bend.
+    middle_hints: Vec<[AtomicU32; 3]>,
 }
 
 impl<'a> InterSurfaceEnergy<'a> {
     pub fn new(map: &InterSurfaceMap<'a>, shapes: &'a RestShapes) -> Self {
+        let hint = |v: u32| AtomicU32::new(map.images[v as usize].triangle);
         Self {
             inverse: map.inverse,
             domain_triangles: shapes.triangles().iter().map(|t| map.domain_triangle(*t)).collect(),
             shapes,
             springs: springs_of_corners(&map.springs, shapes.triangles()),
             hints: map.images.iter().map(|image| AtomicU32::new(image.triangle)).collect(),
+            middle_hints: shapes.triangles().iter().map(|t| t.map(hint)).collect(),
         }
     }
 
@@ -602,11 +488,28 @@ impl Objective for InterSurfaceEnergy<'_> {
             return f64::INFINITY;
         }
         let images = self.images(x);
-        let of_triangle = |(t, triangle): (&[u32; 3], &DomainTriangle)| {
-            let corners = t.map(|v| &x[v as usize]);
-            triangle.energy(self.inverse, corners, t.map(|v| &images[v as usize]))
+        let of_triangle = |((t, triangle), hints): ((&[u32; 3], &DomainTriangle), &[AtomicU32; 3])| {
+            let images = t.map(|v| &images[v as usize]);
+            if !triangle.is_bent {
+                return straight_energy(images.map(|image| &image.point), triangle);
+            }
+            let middles = middles(
+                self.inverse,
+                t.map(|v| &x[v as usize]),
+                hints.each_ref().map(|h| h.load(Relaxed)),
+            );
+            (0..3).for_each(|k| hints[k].store(middles[k].triangle, Relaxed));
+            pieces_energy(
+                images.map(|image| &image.point),
+                middles.each_ref().map(|m| &m.point),
+                triangle,
+            )
         };
-        let triangles = self.triangles().par_iter().zip(&self.domain_triangles);
+        let triangles = self
+            .triangles()
+            .par_iter()
+            .zip(&self.domain_triangles)
+            .zip(&self.middle_hints);
         let values: Vec<f64> = triangles.map(of_triangle).collect();
         let triangles = self.triangles();
         let spring = |&(t, corner, spring): &(usize, usize, Spring)| spring.energy(&x[triangles[t][corner] as usize]);
@@ -626,23 +529,27 @@ impl Objective for InterSurfaceEnergy<'_> {
         };
         let chains: Vec<[Vector; 2]> = (0..x.len()).into_par_iter().map(chain).collect();
         let mut elements = self.barrier().convex_elements(x, frames);
-        let triangles = self.triangles().par_iter().zip(&self.domain_triangles);
+        let triangles = self
+            .triangles()
+            .par_iter()
+            .zip(&self.domain_triangles)
+            .zip(&self.middle_hints);
         elements
             .par_iter_mut()
             .zip(triangles)
-            .for_each(|(element, (t, triangle))| {
+            .for_each(|(element, ((t, triangle), hints))| {
                 let corners = t.map(|v| v as usize);
                 let mut gradient = SVector::zeros();
+                let points = corners.map(|v| &images[v].point);
+                let chains = [0, 1, 2].map(|k| in_columns(k, &chains[corners[k]]));
                 if triangle.is_bent {
                     let moves = [0, 1, 2].map(|k| in_columns(k, &frames[corners[k]]));
-                    let hints = corners.map(|v| images[v].triangle);
-                    let bent = BentImage::new(self.inverse, corners.map(|v| &x[v]), hints, &moves);
-                    let (first, second) = bent.derivatives(triangle);
+                    let hints = hints.each_ref().map(|hint| hint.load(Relaxed));
+                    let middles = moved_middles(self.inverse, corners.map(|v| &x[v]), hints, &moves);
+                    let (first, second) = BentImage::new(points, chains, middles).derivatives(triangle);
                     gradient = first;
                     element.hessian += second;
                 } else {
-                    let points = corners.map(|v| &images[v].point);
-                    let chains = [0, 1, 2].map(|k| in_columns(k, &chains[corners[k]]));
                     let [a, b, c] = &chains;
                     add_straight(points, [a, b, c], triangle, &mut gradient, &mut element.hessian);
                 }

@@ -22,6 +22,7 @@ mod oriented_query;
 mod report;
 mod rotation;
 mod search;
+mod star;
 mod starts;
 mod stretch;
 mod targets;
