@@ -58,7 +58,7 @@ fn limbs_go_to_the_same_limbs_when_they_are_bent_and_a_body_to_itself() {
     for target in [star.clone(), bent(&star)] {
         let found = found(&star, &target, &directions);
         let best = &found[0];
-        assert!((best.degree - 1.0).abs() < 0.1, "{}", best.degree);
+        assert!((best.coverage - 1.0).abs() < 0.1, "{}", best.coverage);
         assert_eq!(best.extremities.len(), LIMBS.len());
         for &[v, w] in &best.extremities {
             let apart = (target.vertices()[v as usize] - target.vertices()[w as usize]).norm();
@@ -76,7 +76,11 @@ fn a_mirror_image_is_never_matched_by_the_reflection() {
     let mirrored = shapes::deformed(&star, mirror).reversed();
     let directions: Vec<Vector> = directions.iter().map(|x| Vector::new(-x.x, x.y, x.z)).collect();
     for correspondence in found(&star, &mirrored, &directions) {
-        assert!((correspondence.degree - 1.0).abs() < 0.5, "{}", correspondence.degree);
+        assert!(
+            (correspondence.coverage - 1.0).abs() < 0.5,
+            "{}",
+            correspondence.coverage
+        );
         // The reflection, an isometry, would have an error of 0.
         assert!(error(&correspondence, &mirrored) > 0.05);
     }

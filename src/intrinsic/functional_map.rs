@@ -10,14 +10,13 @@ use faer::{Accum, MatMut, MatRef, Par};
 use nalgebra::{DMatrix, DMatrixView};
 
 use super::IntrinsicShape;
+use super::descriptors::map_of_descriptors;
 use super::spectral::{Rows, descend, nearest_rows};
-use crate::Vector;
-use crate::spherical::check_embedding;
+use crate::geometry::solid_angle;
+use crate::{Point, Vector};
 
 /// Eigenfunctions of a map that assignments are compared by.
 pub(super) const MODES: usize = 20;
-/// Length over which a point's descriptor falls by a factor of e, where the area is 1.
-const RANGE: f64 = 0.5;
 /// Rounds of refinement.
 const ROUNDS: usize = 6;
 
@@ -28,14 +27,18 @@ pub(super) struct SampledMap {
     pub images: Vec<u32>,
     /// `‖CᵀC − I‖² / 20` of the functional map `C` of 20 modes.
     pub defect: f64,
-    /// How often it covers the target's sphere.
-    pub degree: f64,
+    /// How much of the target's sphere it covers: see [`coverage`].
+    pub coverage: f64,
 }
 
 /// Distances of all vertices of the simplified surfaces from a point of the domain and from its partner on the target.
 pub(super) type PointPair<'a> = [&'a [f64]; 2];
 
-/// The map that matched points determine. `directions` are those of the target's vertices, before simplification.
+/// Triangles with a larger solid angle do not count as covered: their corners are on different limbs.
+const MOST_COVERED: f64 = std::f64::consts::FRAC_PI_2;
+
+/// The map that matched points determine: that which preserves functions of the distances from them, refined by nearest
+/// neighbours in turn with least squares. `directions` are those of the target's vertices, before simplification.
 pub(super) fn map_of_points(
     domain: &IntrinsicShape,
     target: &IntrinsicShape,
@@ -43,8 +46,8 @@ pub(super) fn map_of_points(
     pairs: &[PointPair],
 ) -> Option<SampledMap> {
     let modes = MODES.min(domain.modes()).min(target.modes());
-    let mut images = nearest_by_distances(domain, target, pairs);
-    let mut matrix = fit(domain, target, &images, modes)?;
+    let mut matrix = map_of_descriptors(domain, target, pairs, modes)?;
+    let mut images = Vec::new();
     for _ in 0..ROUNDS {
         let next = images_of_samples(domain, target, &matrix);
         if next == images {
@@ -56,12 +59,24 @@ pub(super) fn map_of_points(
     let places = images
         .iter()
         .map(|&v| directions[target.simplified.originals[v as usize] as usize]);
-    let check = check_embedding(&domain.simplified.sample_triangles, &places.collect::<Vec<_>>());
+    let coverage = coverage(&domain.simplified.sample_triangles, &places.collect::<Vec<_>>());
     Some(SampledMap {
         images,
         defect: defect(&matrix),
-        degree: check.degree,
+        coverage,
     })
+}
+
+/// The solid angle that triangles cover with their front less that with their back, as a fraction of the sphere: about 1 when
+/// the map preserves orientation, −1 when it reverses it. In contrast to the degree, one rough triangle does not change it by
+/// 1: those whose corners are far apart do not count.
+fn coverage(triangles: &[[u32; 3]], directions: &[Vector]) -> f64 {
+    let angle = |corners: &[u32; 3]| {
+        let corners = corners.map(|v| directions[v as usize].into());
+        solid_angle(&Point::origin(), &corners)
+    };
+    let angles = triangles.iter().map(angle).filter(|angle| angle.abs() < MOST_COVERED);
+    angles.sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
 /// The matrix `C` of `modes` modes for which rows of the domain's eigenfunctions at its samples, times `C`, are closest to
@@ -131,28 +146,9 @@ pub(super) fn mapped(rows: Rows, matrix: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// `‖CᵀC − I‖²` over the number of columns.
-fn defect(matrix: &DMatrix<f64>) -> f64 {
+pub(super) fn defect(matrix: &DMatrix<f64>) -> f64 {
     let n = matrix.ncols();
     (matrix.transpose() * matrix - DMatrix::identity(n, n)).norm_squared() / n as f64
-}
-
-/// For each sample of the domain, the vertex of the target whose distances from the points are the most similar.
-fn nearest_by_distances(domain: &IntrinsicShape, target: &IntrinsicShape, pairs: &[PointPair]) -> Vec<u32> {
-    let rows = |side: usize, samples: &[u32]| -> Vec<f64> {
-        let row = |&v: &u32| pairs.iter().map(move |pair| (-pair[side][v as usize] / RANGE).exp());
-        samples.iter().flat_map(row).collect()
-    };
-    let [from, to] = [rows(0, &domain.simplified.samples), rows(1, &target.simplified.samples)];
-    let [from, to] = [&from, &to].map(|entries| Rows {
-        entries,
-        stride: pairs.len(),
-        used: pairs.len(),
-    });
-    let nearest = nearest_rows(from, to);
-    nearest
-        .iter()
-        .map(|&sample| target.simplified.samples[sample as usize])
-        .collect()
 }
 
 /// The Cholesky factor of the weighted products of eigenfunctions over the samples. Those of fewer modes are its leading

@@ -4,16 +4,18 @@
 //!    ([`IntrinsicShape`]).
 //! 2. Extremities are matched in the few ways that agree best with geodesic distances.
 //! 3. Each matching determines a functional map of 20 eigenfunctions. Of those that preserve orientation, the closest to
-//!    an isometry are kept: distances do not tell left from right, but the degree of the map does.
+//!    an isometry are kept: distances do not tell left from right, but the triangles of the map do.
 //! 4. ZoomOut refines these to 100 eigenfunctions, in both directions ([`correspondences`]).
 //!
 //! Distances are in units of the square root of the surface's area. Surfaces of many vertices are simplified first, so that
 //! the cost has a bound.
 
+mod descriptors;
 mod eigen;
 mod extremities;
 mod functional_map;
 mod heat;
+mod isometry;
 mod laplacian;
 mod matching;
 mod simplified;
@@ -22,6 +24,7 @@ mod triangulation;
 mod zoomout;
 
 pub use extremities::Extremity;
+pub(crate) use isometry::{MappedVertex, isometry_defect};
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -50,6 +53,8 @@ const ASSIGNMENTS: usize = 16;
 const LEAST_POINTS: usize = 3;
 /// Maps whose images are on average this close, as a fraction of the target's diagonal, are the same.
 const SAME: f64 = 0.05;
+/// Maps that cover less of the target reverse the orientation of a part of it.
+const LEAST_COVERAGE: f64 = 0.5;
 /// An extremity is left out where that lowers the defect to this part of it.
 const WORTHWHILE: f64 = 0.9;
 
@@ -82,8 +87,8 @@ pub struct Correspondence {
     pub targets: Vec<Option<(u32, f64)>>,
     /// How far the functional map `C` is from that of an isometry: `‖CᵀC − I‖² / 20`. Below 0.2 for different poses.
     pub defect: f64,
-    /// How often the correspondence covers the target: 1 up to rounding.
-    pub degree: f64,
+    /// How much of the target the correspondence covers, less what it covers with its back: about 1, by samples.
+    pub coverage: f64,
 }
 
 impl IntrinsicShape {
@@ -212,7 +217,7 @@ pub fn correspondences(
             targets: refined(domain, target, &candidate.map, proceed)?,
             extremities: candidate.pairs.iter().map(tips).collect(),
             defect: candidate.map.defect,
-            degree: candidate.map.degree,
+            coverage: candidate.map.coverage,
         })
     };
     let refined: Option<Vec<Correspondence>> = found.into_par_iter().map(refine).collect();
@@ -287,7 +292,7 @@ impl<'a> Search<'a> {
             return None;
         }
         let map = map_of_points(self.domain, self.target, self.directions, &points)?;
-        ((map.degree - 1.0).abs() < 0.5).then_some(Candidate { pairs, map })
+        (map.coverage > LEAST_COVERAGE).then_some(Candidate { pairs, map })
     }
 
     /// The candidate without extremities that have no true partner: leaving them out lowers the defect.

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 
 use super::PairPhase;
 use super::inter_surface::{InterSurfaceEnergy, InterSurfaceMap, InverseEmbedding, Spring};
+use super::isometry::{IntrinsicShapes, Quality};
 use crate::Vector;
 use crate::mesh::SurfaceMesh;
 use crate::progress::ProgressSender;
@@ -70,6 +71,8 @@ pub(crate) struct DomainEmbedder<'a> {
     pub domain: &'a SurfaceMesh,
     pub hierarchy: Hierarchy,
     pub inverse: &'a InverseEmbedding<'a>,
+    /// By which maps are compared, beside their energy.
+    pub shapes: Option<&'a IntrinsicShapes>,
     pub pins: Pins,
     /// Springs of vertices that are never released: soft landmarks.
     pub springs: BTreeMap<u32, Spring>,
@@ -294,6 +297,19 @@ impl DomainEmbedder<'_> {
             true,
         );
         candidate
+    }
+
+    /// How far the map of an embedding is from an isometry; `None` where the surfaces have no intrinsic shapes.
+    pub fn isometry_defect(&self, embedding: &PartialEmbedding) -> Option<f64> {
+        self.shapes?.defect(embedding, self.domain, self.inverse)
+    }
+
+    /// What an embedding is compared by.
+    pub fn quality(&self, candidate: &EmbeddingCandidate) -> Quality {
+        Quality {
+            energy: candidate.energy,
+            isometry_defect: self.isometry_defect(&candidate.embedding),
+        }
     }
 
     /// The energy of an embedding of all vertices.

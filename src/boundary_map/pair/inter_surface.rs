@@ -144,6 +144,13 @@ impl<'a> InverseEmbedding<'a> {
         self.image(x, 0).point / self.scale
     }
 
+    /// The corners of the target's triangle with this direction, and the barycentric coordinates in it.
+    pub fn corners(&self, x: &Vector) -> ([u32; 3], [f64; 3]) {
+        let place = self.locator.locate(x);
+        let corners = self.target.surface().triangles()[place.triangle as usize];
+        (corners, place.barycentric)
+    }
+
     /// Diagonal of the target.
     pub fn diagonal(&self) -> f64 {
         self.target.surface().diagonal()

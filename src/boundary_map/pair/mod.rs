@@ -15,6 +15,7 @@ mod bent;
 mod curves;
 mod embedder;
 mod inter_surface;
+mod isometry;
 mod landmark_warp;
 mod landmarks;
 mod options;
@@ -53,8 +54,9 @@ use crate::spherical::{
 use crate::{Matrix3, Vector};
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pin, Pins, SoftTargets};
 use inter_surface::{InverseEmbedding, Spring};
+use isometry::Quality;
 use search::{RankedEmbedding, SearchStep, best_of_starts};
-use starts::Start;
+use starts::{Start, Starts};
 
 /// Schedules to compare: which one ends best differs from pair to pair.
 const SCHEDULES: [SoftTargetSchedule; 4] = [
@@ -85,20 +87,20 @@ const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
 /// one ended with wrong limbs and one much more distorted.
 const STEPS: [SearchStep; 4] = [
     SearchStep::new(200, 6, 18, 1.5),
-    SearchStep::new(400, 3, 6, 1.35),
+    SearchStep::new(400, 2, 4, 1.35),
     SearchStep::new(LATE_LANDMARKS, 2, 2, 1.15),
     SearchStep::new(4000, 1, 2, AS_GOOD_COARSE),
 ];
 /// The same for solids in the same place.
 const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
-/// Another map is completed, too, when its energy with 4000 vertices is at most this times the least: then the better one is taken.
+/// Another map is completed, too, when its rating with 4000 vertices is at most this times the least: then the better one is taken.
 const AS_GOOD_COARSE: f64 = 1.15;
 /// Vertices of landmark curves that coarse embeddings have.
 const MOST_LATE_OF_CURVES: usize = 40;
 /// Maps are alternatives to each other when their images of vertices are this far apart in the mean, as a fraction of the
 /// target's diagonal.
 const DISTINCT: f64 = 0.05;
-/// A warning says that an alternative is as good when its energy is at most this times that of the map that was taken.
+/// A warning says that an alternative is as good when its rating is at most this times that of the map that was taken.
 const AS_GOOD: f64 = 1.03;
 /// Symmetric Dirichlet energy of an isometry.
 const ISOMETRY_ENERGY: f64 = 4.0;
@@ -211,10 +213,17 @@ impl PairMapping<'_> {
         let sphere = self.elapsed();
 
         self.report(PairPhase::Aligning { done: 0, of: 0 })?;
-        let (starts, mut warnings) = self.starts(&target)?;
+        let Starts {
+            all: starts,
+            mut warnings,
+            shapes,
+        } = self.starts(&target)?;
         let align = self.elapsed();
 
-        let embedder = self.embedder(&target, &inverse)?;
+        let embedder = DomainEmbedder {
+            shapes: shapes.as_ref(),
+            ..self.embedder(&target, &inverse)?
+        };
         let soft_targets: Vec<&SoftTargets> = starts.iter().map(|start| &start.soft_targets).collect();
         let (schedules, steps) = self.schedules(&embedder);
         self.report(PairPhase::CoarseEmbeddings {
@@ -229,7 +238,7 @@ impl PairMapping<'_> {
                 candidate,
                 start: 0,
                 schedule: schedules[0],
-                energies: vec![],
+                qualities: vec![],
             }],
             None => best_of_starts(&embedder, &soft_targets, &schedules, &steps),
         };
@@ -251,12 +260,13 @@ impl PairMapping<'_> {
         self.require_landmarks(&after)?;
         let alternatives = self.distinct(&inverse, best, others);
         if let [first, ..] = alternatives[..]
-            && first.0.energy_ratio(best) <= AS_GOOD
+            && let Some(qualities) = first.0.compared(best)
+            && qualities[0].rating() <= AS_GOOD * qualities[1].rating()
         {
             warnings.push(format!(
                 "another map is nearly as good (its energy was {:.3} times this one's), as of symmetric bodies: look at the \
                  alternatives, or give landmarks if it is not the one that you want",
-                first.0.energy_ratio(best)
+                energy_ratio(qualities)
             ));
         }
         let mut others = Vec::new();
@@ -268,6 +278,7 @@ impl PairMapping<'_> {
             others.push(self.through(&completed, &target)?);
         }
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
+        let of_map = embedder.isometry_defect(&after.embedding);
         let (map, [before, after], stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {
             method: PairMethod::SoftTargets,
@@ -280,7 +291,8 @@ impl PairMapping<'_> {
                 .iter()
                 .map(|(other, distance)| PairAlternative {
                     kind: starts[other.start].kind,
-                    energy_ratio: other.energy_ratio(best),
+                    energy_ratio: other.compared(best).map_or(f64::NAN, energy_ratio),
+                    isometry_defect: other.qualities.last().and_then(|quality| quality.isometry_defect),
                     distance: *distance,
                 })
                 .collect(),
@@ -288,6 +300,7 @@ impl PairMapping<'_> {
             schedule: Some(best.schedule),
             before,
             after,
+            isometry_defect: of_map,
             stretch,
             timings: PairTimings {
                 sphere,
@@ -354,7 +367,7 @@ impl PairMapping<'_> {
         let first = completed(ranked.first().ok_or(PairError::NoEmbedding)?)?;
         if !first.missed().is_empty() {
             let others = 1..ranked.len().min(search::MOST_WHERE_MISSED);
-            for k in others.filter(|&k| ranked[k].energies.len() == ranked[0].energies.len()) {
+            for k in others.filter(|&k| ranked[k].qualities.len() == ranked[0].qualities.len()) {
                 let other = completed(&ranked[k])?;
                 if other.missed().is_empty() {
                     ranked.swap(0, k);
@@ -367,10 +380,11 @@ impl PairMapping<'_> {
             return Ok(first);
         };
         let second = completed(&ranked[k])?;
-        ranked[0].energies.push(first.energy);
-        ranked[k].energies.push(second.energy);
-        let rating = |candidate: &EmbeddingCandidate| (candidate.missed().len(), candidate.energy);
-        if rating(&second) < rating(&first) {
+        let qualities = [&first, &second].map(|candidate| embedder.quality(candidate));
+        ranked[0].qualities.push(qualities[0]);
+        ranked[k].qualities.push(qualities[1]);
+        let [first_rating, second_rating] = qualities.map(|quality| quality.rating());
+        if second.missed().is_empty() && second_rating < first_rating {
             ranked.swap(0, k);
             return Ok(second);
         }
@@ -482,6 +496,7 @@ impl PairMapping<'_> {
             schedule: None,
             before,
             after,
+            isometry_defect: None,
             stretch,
             timings: PairTimings {
                 sphere,
@@ -584,6 +599,7 @@ impl PairMapping<'_> {
             domain: self.domain,
             hierarchy: Hierarchy::new(vertices, self.domain.triangles(), &late).ok_or(TOO_FINE)?,
             inverse,
+            shapes: None,
             pins: Pins::new(pins, vertices.len()),
             springs,
             reporter: self.reporter,
@@ -703,11 +719,15 @@ fn bijective_targets(domain: &SurfaceMesh, soft_targets: &SoftTargets) -> Option
 fn rival(ranked: &[RankedEmbedding], inverse: &InverseEmbedding) -> Option<usize> {
     let (best, others) = ranked.split_first()?;
     let is_rival = |other: &RankedEmbedding| {
-        other.energies.len() == best.energies.len()
-            && other.energy_ratio(best) <= AS_GOOD_COARSE
+        other.qualities.len() == best.qualities.len()
+            && other.rating() <= AS_GOOD_COARSE * best.rating()
             && other.distance(best, inverse) > search::ALIKE * inverse.diagonal()
     };
     others.iter().position(is_rival).map(|k| k + 1)
+}
+
+fn energy_ratio([one, other]: [Quality; 2]) -> f64 {
+    one.energy / other.energy
 }
 
 /// What became of each start.

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::embedder::{DomainEmbedder, EmbeddingCandidate, LATE_PER_LANDMARK, SoftTargetSchedule, SoftTargets};
 use super::inter_surface::InverseEmbedding;
+use super::isometry::Quality;
 use super::report::PairPhase;
 
 /// A number of vertices at which embeddings are compared, and which of them get more.
@@ -18,17 +19,17 @@ pub(crate) struct SearchStep {
     /// Most embeddings that continue, of those with nearly the same map, and of all.
     pub most_alike: usize,
     pub most: usize,
-    /// Those continue whose energy is at most this times the least.
-    pub most_energy_ratio: f64,
+    /// Those continue whose rating is at most this times the least.
+    pub most_ratio: f64,
 }
 
 impl SearchStep {
-    pub const fn new(vertices: usize, most_alike: usize, most: usize, most_energy_ratio: f64) -> Self {
+    pub const fn new(vertices: usize, most_alike: usize, most: usize, most_ratio: f64) -> Self {
         Self {
             vertices,
             most_alike,
             most,
-            most_energy_ratio,
+            most_ratio,
         }
     }
 
@@ -53,8 +54,8 @@ pub(crate) struct RankedEmbedding {
     /// Index of its start.
     pub start: usize,
     pub schedule: SoftTargetSchedule,
-    /// Its energy at each of the steps that it took part in.
-    pub energies: Vec<f64>,
+    /// How good it was at each of the steps that it took part in.
+    pub qualities: Vec<Quality>,
 }
 
 /// Maps are alike when their images of vertices are this close in the mean, as a fraction of the target's diagonal.
@@ -81,13 +82,15 @@ impl RankedEmbedding {
         inserted.iter().map(apart).sum::<f64>() / common as f64
     }
 
-    /// Its energy over that of another when both had as many vertices.
-    pub fn energy_ratio(&self, other: &Self) -> f64 {
-        let common = self.energies.len().min(other.energies.len());
-        match common.checked_sub(1) {
-            Some(last) => self.energies[last] / other.energies[last],
-            None => f64::NAN,
-        }
+    /// What it was compared by last.
+    pub fn rating(&self) -> f64 {
+        self.qualities.last().map_or(f64::INFINITY, Quality::rating)
+    }
+
+    /// The last qualities of this one and of another when both had as many vertices.
+    pub fn compared(&self, other: &Self) -> Option<[Quality; 2]> {
+        let mut common = self.qualities.iter().zip(&other.qualities);
+        common.next_back().map(|(own, other)| [*own, *other])
     }
 }
 
@@ -105,7 +108,7 @@ pub(crate) fn best_of_starts(
             candidate: embedder.tetrahedron(starts[start]),
             start,
             schedule,
-            energies: vec![],
+            qualities: vec![],
         })
         .collect();
     let diagonal = embedder.inverse.diagonal();
@@ -114,12 +117,7 @@ pub(crate) fn best_of_starts(
         ranked = refined(embedder, starts, ranked, step.vertices);
         // Before landmarks are met, their springs are part of the energy.
         let counts_missed = ranked.iter().all(|r| step.vertices >= r.schedule.landmarks_from);
-        let rating = |r: &RankedEmbedding| {
-            (
-                r.candidate.missed().len() * usize::from(counts_missed),
-                r.candidate.energy,
-            )
-        };
+        let rating = |r: &RankedEmbedding| (r.candidate.missed().len() * usize::from(counts_missed), r.rating());
         ranked.sort_by(|a, b| {
             let (a, b) = (rating(a), rating(b));
             a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
@@ -136,8 +134,8 @@ pub(crate) fn best_of_starts(
             let alike = kept
                 .iter()
                 .filter(|other| embedding.distance(other, embedder.inverse) < ALIKE * diagonal);
-            let (missed, energy) = rating(&embedding);
-            let is_good = missed == best.0 && energy <= step.most_energy_ratio * best.1;
+            let (missed, rated) = rating(&embedding);
+            let is_good = missed == best.0 && rated <= step.most_ratio * best.1;
             // Which one will meet the landmarks that are missed is not known yet.
             let (is_good, most, most_alike) = match best.0 {
                 0 => (is_good, step.most, step.most_alike),
@@ -204,7 +202,7 @@ fn refined(
         if !candidate.energy.is_finite() {
             embedder.settle(&mut candidate);
         }
-        ranked.energies.push(candidate.energy);
+        ranked.qualities.push(embedder.quality(&candidate));
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         // A cancellation takes effect in the refinements.
         let _ = embedder

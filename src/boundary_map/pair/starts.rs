@@ -3,6 +3,7 @@
 
 use super::alignment::{align_by_landmarks, align_with_progress, is_upright};
 use super::embedder::SoftTargets;
+use super::isometry::IntrinsicShapes;
 use super::landmark_warp::warped;
 use super::report::{PairPhase, PairStartKind};
 use super::targets::{VertexTarget, vertex_targets};
@@ -27,18 +28,34 @@ pub(super) struct Start {
     pub soft_targets: SoftTargets,
 }
 
+/// All starts of a pair, and what was found beside.
+pub(super) struct Starts {
+    pub all: Vec<Start>,
+    /// About the pair.
+    pub warnings: Vec<String>,
+    /// None where solids lie in the same place or a map is given, or where a surface has none.
+    pub shapes: Option<IntrinsicShapes>,
+}
+
 impl PairMapping<'_> {
-    /// The starts, and warnings about the pair.
-    pub(super) fn starts(&self, target: &SphericalEmbedding) -> Result<(Vec<Start>, Vec<String>), PairError> {
+    pub(super) fn starts(&self, target: &SphericalEmbedding) -> Result<Starts, PairError> {
         if let Some(soft_targets) = self.soft_targets_of_given(target) {
             let kind = PairStartKind::Given;
-            return Ok((vec![Start { kind, soft_targets }], vec![]));
+            return Ok(Starts {
+                all: vec![Start { kind, soft_targets }],
+                warnings: vec![],
+                shapes: None,
+            });
         }
-        let (mut starts, warnings) = self.starts_by_alignment(target)?;
-        if !self.options.aligned {
-            starts.extend(self.intrinsic_starts(target));
+        let (mut all, warnings) = self.starts_by_alignment(target)?;
+        let shapes = match self.options.aligned {
+            true => None,
+            false => self.intrinsic_shapes(),
+        };
+        if let Some(shapes) = &shapes {
+            all.extend(self.intrinsic_starts(shapes, target));
         }
-        Ok((starts, warnings))
+        Ok(Starts { all, warnings, shapes })
     }
 
     /// Soft targets by the closest points once the solids are aligned.
@@ -93,21 +110,29 @@ impl PairMapping<'_> {
         Ok((starts, warnings))
     }
 
-    /// Soft targets by intrinsic correspondences; none where the surfaces have none.
-    fn intrinsic_starts(&self, target: &SphericalEmbedding) -> Vec<Start> {
+    /// The intrinsic shapes of both surfaces, if they have any.
+    fn intrinsic_shapes(&self) -> Option<IntrinsicShapes> {
         let proceed = || self.reporter.should_improve();
-        let step = |done| {
-            // A cancellation takes effect by `proceed`.
-            let _ = self.reporter.send(PairPhase::Intrinsic { done, of: 2 });
-        };
-        step(0);
+        self.intrinsic_step(0);
         let shape = |surface| IntrinsicShape::new(surface, MODES, &proceed);
-        let (Some(from), Some(to)) = rayon::join(|| shape(self.domain), || shape(self.target)) else {
-            return vec![];
-        };
-        step(1);
-        let pairs = self.landmarks.pairs();
-        let mut found = correspondences(&from, &to, target, pairs, MOST_CORRESPONDENCES, &proceed);
+        let (domain, target) = rayon::join(|| shape(self.domain), || shape(self.target));
+        Some(IntrinsicShapes {
+            domain: domain?,
+            target: target?,
+        })
+    }
+
+    fn intrinsic_step(&self, done: usize) {
+        // A cancellation takes effect by `should_improve`.
+        let _ = self.reporter.send(PairPhase::Intrinsic { done, of: 2 });
+    }
+
+    /// Soft targets by intrinsic correspondences; none where the surfaces have none.
+    fn intrinsic_starts(&self, shapes: &IntrinsicShapes, target: &SphericalEmbedding) -> Vec<Start> {
+        let proceed = || self.reporter.should_improve();
+        self.intrinsic_step(1);
+        let (from, to, pairs) = (&shapes.domain, &shapes.target, self.landmarks.pairs());
+        let mut found = correspondences(from, to, target, pairs, MOST_CORRESPONDENCES, &proceed);
         if let Some(up) = &self.options.up {
             found.retain(|correspondence| self.is_upright(correspondence, up));
         }
