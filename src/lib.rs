@@ -52,6 +52,7 @@ pub mod cgal_tetgen;
 pub mod check;
 pub mod compare;
 pub mod energy;
+pub mod error_kind;
 #[cfg(feature = "io")]
 pub mod files;
 pub mod fit;

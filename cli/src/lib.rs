@@ -17,7 +17,7 @@ pub use shared::picture_file::{PictureError, read_picture};
 
 use args::{Cli, Command};
 use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remesh, sequence, texture, transfer};
-use shared::json::{self, ErrorKind};
+use shared::json::{self, FailureKind};
 use shared::output::{Output, describe, to_stderr, to_stdout};
 use shared::{exhausted_memory, interrupt};
 
@@ -55,7 +55,7 @@ pub fn run() -> ExitCode {
             to_stderr(format_args!("error: {message}"));
             if output.errors_as_json() {
                 // A failure to write cannot be reported anywhere.
-                let _ = to_stdout(&json::error(ErrorKind::Failed, &message, COULD_NOT_RUN.into()));
+                let _ = to_stdout(&json::failure(&error, &message, COULD_NOT_RUN.into()));
             }
             ExitCode::from(COULD_NOT_RUN)
         }
@@ -86,7 +86,7 @@ fn refuse_arguments(error: &clap::Error) -> ! {
         let lines = text.lines().take_while(|line| !line.is_empty()).map(str::trim);
         let message = lines.collect::<Vec<_>>().join(" ");
         let message = message.trim_start_matches("error: ");
-        let _ = to_stdout(&json::error(ErrorKind::Usage, message, error.exit_code()));
+        let _ = to_stdout(&json::error(FailureKind::Usage, message, error.exit_code()));
     }
     error.exit()
 }

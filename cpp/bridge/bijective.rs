@@ -4,13 +4,14 @@ use std::sync::Arc;
 
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
-use super::error::{Category, Error, guarded};
+use super::error::{Error, ErrorKind, guarded};
 use super::maps::{Map, preimages_of, require_room, write, write_rows};
 use super::meshes::{VolumeMesh, tets_of, whole_points};
 use super::solids::on_remesh_phase;
 use super::{flat, path};
 use solidmap::bijective::{self, BijectiveMap, BoundaryProof, RefinementOptions, make_bijective, refined_at_boundary};
 use solidmap::files;
+use solidmap::fit::self_intersection_finder;
 use solidmap::map::VolumeMap;
 use solidmap::mesh::CellMesh;
 use solidmap::remesh::RemeshOptions;
@@ -39,7 +40,7 @@ pub fn bijective_new(
             tolerance,
             ..RefinementOptions::default()
         };
-        let (mesh, _) = refined_at_boundary(boundary, tets, &refinement, finder())?;
+        let (mesh, _) = refined_at_boundary(boundary, tets, &refinement, self_intersection_finder())?;
         let options = RemeshOptions {
             effort,
             most_added: (most_added != usize::MAX).then_some(most_added),
@@ -47,26 +48,23 @@ pub fn bijective_new(
             ..RemeshOptions::default()
         };
         let progress = |phase| on_remesh_phase(watcher, phase);
-        let made = make_bijective(boundary, map.map(), mesh, &options, finder(), &progress)?;
+        let made = make_bijective(
+            boundary,
+            map.map(),
+            mesh,
+            &options,
+            self_intersection_finder(),
+            &progress,
+        )?;
         Ok(Box::new(Bijective(Arc::new(made))))
     })
-}
-
-#[cfg(feature = "native")]
-fn finder() -> Option<solidmap::check::FindSelfIntersections<'static>> {
-    Some(&|mesh| solidmap::cgal_tetgen::self_intersections(mesh).map_err(|error| error.to_string()))
-}
-
-#[cfg(not(feature = "native"))]
-fn finder() -> Option<solidmap::check::FindSelfIntersections<'static>> {
-    None
 }
 
 pub fn bijective_of(map: &Map) -> Result<Box<Bijective>, Error> {
     guarded(|| match &map.file().bijective {
         Some(bijective) => Ok(Box::new(Bijective(Arc::new(bijective.clone())))),
         None => Err(Error::new(
-            Category::Unsupported,
+            ErrorKind::Unsupported,
             "the map's file holds no bijective map",
         )),
     })

@@ -1,68 +1,54 @@
-//! The one error type for C++: a category and a message. Panics become errors of the category `internal`.
+//! The one error type for C++: a kind and a message. Panics become errors of the kind `internal`.
 
-use std::error::Error as StdError;
 use std::fmt::{self, Display, Formatter};
-use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, Once, PoisonError};
 
-use solidmap::bijective::BijectiveError;
-use solidmap::boundary_map::BoundaryMapError;
-use solidmap::boundary_map::pair::PairError;
-use solidmap::certificate::CertificateError;
-#[cfg(feature = "native")]
-use solidmap::cgal_tetgen::CgalTetgenError;
-use solidmap::check::HoleError;
-use solidmap::energy::{DomainMeshError, EnergyError, QuadratureError};
-use solidmap::files::TensorFileError;
-use solidmap::fit::FitError;
-use solidmap::geometry::SectionError;
-use solidmap::hexmesh::HexmeshError;
-use solidmap::inverse::InverseError;
-use solidmap::io::IoError;
-use solidmap::map::Cancelled;
-use solidmap::mesh::MeshError;
-use solidmap::polycube::{MakePolycubeError, VoxelPolycubeError};
-use solidmap::remesh::RemeshError;
-use solidmap::solver::SolveError;
-use solidmap::spherical::SphericalError;
+pub use solidmap::error_kind::ErrorKind;
+use solidmap::error_kind::{Classified, with_causes};
 
-/// What an error is about; the numbers are those of `solidmap::Category` in `cpp/include/solidmap/error.hpp`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Category {
-    InvalidInput = 0,
-    Io = 1,
-    NotFound = 2,
-    Unsupported = 3,
-    Numerical = 4,
-    Memory = 5,
-    Cancelled = 6,
-    #[cfg_attr(not(feature = "native"), expect(dead_code, reason = "C++ knows it in every build"))]
-    Native = 7,
-    Internal = 8,
-}
-
-/// Why a call failed. Displays as the category's digit and the message, which `throw_decoded` in C++ separates again.
+/// Why a call failed. Displays as the kind's digit and the message, which `throw_decoded` in C++ separates again.
 #[derive(Debug)]
 pub struct Error {
-    category: Category,
+    kind: ErrorKind,
     message: String,
+}
+
+/// The number of a kind in `solidmap::Category` (`cpp/include/solidmap/error.hpp`).
+fn digit(kind: ErrorKind) -> u8 {
+    match kind {
+        ErrorKind::InvalidInput => 0,
+        ErrorKind::Io => 1,
+        ErrorKind::NotFound => 2,
+        ErrorKind::Unsupported => 3,
+        ErrorKind::Numerical => 4,
+        ErrorKind::Memory => 5,
+        ErrorKind::Cancelled => 6,
+        ErrorKind::Native => 7,
+        ErrorKind::Internal => 8,
+    }
 }
 
 impl Display for Error {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        write!(f, "{}{}", self.category as u8, self.message)
+        write!(f, "{}{}", digit(self.kind), self.message)
     }
 }
 
 impl Error {
     pub fn invalid(message: impl Into<String>) -> Self {
-        Self::new(Category::InvalidInput, message)
+        Self::new(ErrorKind::InvalidInput, message)
     }
 
-    pub fn new(category: Category, message: impl Into<String>) -> Self {
+    pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
         let message = message.into();
-        Self { category, message }
+        Self { kind, message }
+    }
+}
+
+impl<E: Classified> From<E> for Error {
+    fn from(error: E) -> Self {
+        Self::new(error.error_kind(), with_causes(&error))
     }
 }
 
@@ -88,226 +74,21 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
             "a bug in solidmap itself, please report it: {} ({place})",
             what.unwrap_or("a panic without a message")
         );
-        Err(Error::new(Category::Internal, message))
+        Err(Error::new(ErrorKind::Internal, message))
     })
-}
-
-/// An error enum of the library whose variants have categories.
-pub trait Categorised: StdError {
-    fn category(&self) -> Category;
-}
-
-impl<E: Categorised> From<E> for Error {
-    fn from(error: E) -> Self {
-        Self::new(error.category(), described(&error))
-    }
-}
-
-/// The error and its causes, each once: many errors quote their cause.
-fn described(error: &dyn StdError) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let said = error.to_string();
-        if !text.contains(&said) {
-            text = format!("{text}: {said}");
-        }
-        cause = error.source();
-    }
-    text
-}
-
-macro_rules! invalid_input {
-    ($($error:ty),*) => {
-        $(impl Categorised for $error {
-            fn category(&self) -> Category {
-                Category::InvalidInput
-            }
-        })*
-    };
-}
-
-invalid_input!(
-    MeshError,
-    BoundaryMapError,
-    HoleError,
-    DomainMeshError,
-    QuadratureError,
-    SectionError,
-    VoxelPolycubeError
-);
-
-impl Categorised for IoError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Read { source, .. } if source.kind() == ErrorKind::NotFound => Category::NotFound,
-            Self::Read { .. } | Self::Write { .. } => Category::Io,
-            Self::UnknownExtension { .. } | Self::Unsupported { .. } => Category::Unsupported,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for TensorFileError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Io(error) => error.category(),
-            Self::Newer { .. } => Category::Unsupported,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for SphericalError {
-    fn category(&self) -> Category {
-        match self {
-            Self::OutOfMemory { .. } => Category::Memory,
-            Self::TooFine | Self::NotBijective(_) => Category::Numerical,
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for PairError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Sphere { error, .. } => error.category(),
-            Self::NoEmbedding => Category::Numerical,
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for SolveError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Underdetermined { .. } | Self::DataLength { .. } => Category::InvalidInput,
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::Numerical,
-        }
-    }
-}
-
-impl Categorised for FitError {
-    fn category(&self) -> Category {
-        match self {
-            Self::NoSources | Self::NonFiniteMap => Category::Numerical,
-            Self::NeedsNative => Category::Unsupported,
-            #[cfg(feature = "native")]
-            Self::Offset(error) => error.category(),
-            Self::TooLarge { .. } => Category::Memory,
-            Self::Solve(error) => error.category(),
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for BijectiveError {
-    fn category(&self) -> Category {
-        match self {
-            Self::NotRepaired { .. } | Self::Boundary { .. } => Category::Numerical,
-            Self::Remesh(error) => error.category(),
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for Cancelled {
-    fn category(&self) -> Category {
-        Category::Cancelled
-    }
-}
-
-impl Categorised for CertificateError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for InverseError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Cancelled => Category::Cancelled,
-            Self::NoValues => Category::Numerical,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for EnergyError {
-    fn category(&self) -> Category {
-        match self {
-            Self::NonFiniteJacobian { .. } => Category::Numerical,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for RemeshError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Cancelled => Category::Cancelled,
-            Self::TooLarge { .. } | Self::TooMany { .. } => Category::Memory,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for MakePolycubeError {
-    fn category(&self) -> Category {
-        match self {
-            Self::NoLabels | Self::NotFound { .. } => Category::Numerical,
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::InvalidInput,
-        }
-    }
-}
-
-impl Categorised for HexmeshError {
-    fn category(&self) -> Category {
-        match self {
-            Self::Polycube(error) => error.category(),
-            Self::Voxels(error) => error.category(),
-            Self::Pair(error) => error.category(),
-            Self::BoundaryMap(error) => error.category(),
-            Self::Fit(error) => error.category(),
-            Self::Remesh(error) => error.category(),
-            Self::Neither { deformed, .. } => deformed.category(),
-            Self::MaxDistance(_) | Self::NoVolume => Category::InvalidInput,
-            _ => Category::Internal,
-        }
-    }
-}
-
-#[cfg(feature = "native")]
-impl Categorised for CgalTetgenError {
-    fn category(&self) -> Category {
-        match self {
-            Self::InvalidInput(_) | Self::InvalidOption { .. } | Self::SelfIntersection { .. } => {
-                Category::InvalidInput
-            }
-            Self::OutOfMemory | Self::TooFine { .. } | Self::TooLarge { .. } => Category::Memory,
-            Self::Cancelled => Category::Cancelled,
-            _ => Category::Native,
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use solidmap::fit::FitError;
+    use solidmap::solver::SolveError;
+
     use super::*;
 
     #[test]
     fn a_panic_is_an_error_that_names_its_place() {
         let error = guarded::<()>(|| panic!("{} of {}", 3, 2)).unwrap_err();
-        assert_eq!(error.category, Category::Internal);
+        assert_eq!(error.kind, ErrorKind::Internal);
         assert!(
             error.message.contains("3 of 2") && error.message.contains("bridge/error.rs:"),
             "{error}"
@@ -322,18 +103,19 @@ mod tests {
     }
 
     #[test]
-    fn causes_are_quoted_once_and_cancellation_keeps_its_category() {
-        let error: Error = FitError::from(SolveError::Cancelled).into();
-        assert_eq!(error.category, Category::Cancelled);
+    fn kinds_have_the_numbers_and_names_of_the_header() {
+        let header = include_str!("../include/solidmap/error.hpp");
+        let body = header.split_once("enum class Category {").unwrap().1;
+        let body = body.split_once("};").unwrap().0;
+        let names = body.lines().map(str::trim).filter_map(|line| line.strip_suffix(','));
+        let of = |kind: ErrorKind| (usize::from(digit(kind)), kind.name());
+        assert!(names.enumerate().eq(ErrorKind::ALL.map(of)), "{body}");
+    }
+
+    #[test]
+    fn errors_of_the_library_keep_their_kind_and_quote_causes_once() {
         let error: Error = FitError::from(SolveError::NoConvergence).into();
-        assert_eq!(error.category, Category::Numerical);
+        assert_eq!(error.kind, ErrorKind::Numerical);
         assert_eq!(error.message.matches("did not converge").count(), 1);
-        let error: Error = HexmeshError::from(MakePolycubeError::Cancelled).into();
-        assert_eq!(error.category, Category::Cancelled);
-        let error: Error = HexmeshError::from(MakePolycubeError::NoLabels).into();
-        assert_eq!(error.category, Category::Numerical);
-        assert_eq!(error.message.matches("no polycube was found").count(), 1);
-        let missing = solidmap::io::read_surface("/nowhere/a.obj").unwrap_err();
-        assert_eq!(Error::from(missing).category, Category::NotFound);
     }
 }

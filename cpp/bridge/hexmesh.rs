@@ -2,7 +2,7 @@
 
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
-use super::error::{Category, Error, guarded};
+use super::error::{Error, ErrorKind, guarded};
 use super::maps::{Map, fit_for_cpp, fit_options, on_pair_phase, on_phase};
 use super::meshes::{VolumeMesh, tets_of};
 use super::polycube::{
@@ -109,12 +109,12 @@ impl Hexmesh {
 
     pub fn take_deformed(&mut self) -> Result<Box<PolycubeMap>, Error> {
         let found = self.deformed.take();
-        found.ok_or_else(|| Error::new(Category::Internal, "there is no deformed model, or it was taken twice"))
+        found.ok_or_else(|| Error::new(ErrorKind::Internal, "there is no deformed model, or it was taken twice"))
     }
 
     pub fn voxels(&self) -> Result<ffi::VoxelReport, Error> {
         let found = self.voxels.as_ref();
-        let found = found.ok_or_else(|| Error::new(Category::Internal, "the polycube does not consist of voxels"))?;
+        let found = found.ok_or_else(|| Error::new(ErrorKind::Internal, "the polycube does not consist of voxels"))?;
         Ok(ffi::VoxelReport {
             voxels: found.voxels,
             size: found.size,

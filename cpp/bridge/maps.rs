@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
-use super::error::{Category, Error, guarded};
+use super::error::{Error, ErrorKind, guarded};
 use super::meshes::{Surface, boxed, name_of, whole, whole_points};
 use super::{flat, path};
 use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, map_pair};
@@ -216,7 +216,7 @@ impl Boundary {
         guarded(|| match self.0.inverse() {
             Some(inverse) => boxed_boundary(inverse),
             None => Err(Error::new(
-                Category::Unsupported,
+                ErrorKind::Unsupported,
                 "only a boundary map composed of two spherical embeddings (BoundaryMap::pair) has an inverse",
             )),
         })
@@ -373,7 +373,7 @@ impl Map {
     pub fn report(&self) -> Result<ffi::FitReport, Error> {
         let Some(report) = &self.report else {
             return Err(Error::new(
-                Category::Unsupported,
+                ErrorKind::Unsupported,
                 "the map's file has no report of a fit: another program wrote it",
             ));
         };
@@ -410,7 +410,7 @@ impl Map {
     pub fn metadata(&self) -> Result<String, Error> {
         guarded(|| {
             serde_json::to_string(&self.file.metadata)
-                .map_err(|error| Error::new(Category::Internal, error.to_string()))
+                .map_err(|error| Error::new(ErrorKind::Internal, error.to_string()))
         })
     }
 
@@ -434,7 +434,7 @@ impl Maps {
 
     pub fn take(&mut self, index: usize) -> Result<Box<Map>, Error> {
         let fit = self.0.get_mut(index).and_then(Option::take);
-        let fit = fit.ok_or_else(|| Error::new(Category::Internal, "a map was taken twice"))?;
+        let fit = fit.ok_or_else(|| Error::new(ErrorKind::Internal, "a map was taken twice"))?;
         Ok(Box::new(Map::of(fit)))
     }
 }
@@ -571,7 +571,7 @@ pub fn preimages_of(found: Vec<Preimage>) -> Vec<ffi::Preimage> {
 fn boundary_of(file: &MapFile) -> Result<&BoundaryMap, Error> {
     file.boundary.as_ref().ok_or_else(|| {
         Error::new(
-            Category::Unsupported,
+            ErrorKind::Unsupported,
             "the map's file holds no boundary map, so its domain is not known: another program wrote it",
         )
     })

@@ -1,7 +1,7 @@
 //! Surfaces, and meshes of cells.
 
 use super::bridge::ffi;
-use super::error::{Category, Error, guarded};
+use super::error::{Error, ErrorKind, guarded};
 use super::{flat, path, points};
 use solidmap::check::{self, CheckReport, ComponentKind, SelfIntersections, Severity};
 use solidmap::io;
@@ -68,7 +68,7 @@ pub fn surface_polycube(cubes: &[i32], divisions: usize) -> Result<Box<Surface>,
         let most = 12.0 * cubes.len() as f64 * (divisions as f64).powi(2);
         if most > MOST_TRIANGLES {
             return Err(Error::new(
-                Category::Memory,
+                ErrorKind::Memory,
                 format!(
                     "{} cubes of {divisions} divisions have up to {most:.1e} triangles, more than {MOST_TRIANGLES:.1e}",
                     cubes.len()

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
 #[cfg(not(feature = "native"))]
-use super::error::Category;
+use super::error::ErrorKind;
 use super::error::{Error, guarded};
 use super::maps::{Map, ask};
 use super::measures::worst_place;
@@ -22,7 +22,7 @@ pub struct RemeshResult(pub remesh::Remeshed);
 #[cfg(not(feature = "native"))]
 pub fn needs_native(what: &str) -> Error {
     Error::new(
-        Category::Unsupported,
+        ErrorKind::Unsupported,
         format!(
             "{what} needs CGAL and TetGen, and this solidmap was built without them; build it with SOLIDMAP_NATIVE=ON"
         ),

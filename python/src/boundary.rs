@@ -12,14 +12,15 @@ use solidmap::boundary_map::pair::{
 };
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, Provenance};
+use solidmap::fit::self_intersection_finder;
 use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::SurfacePoint;
 use solidmap::spherical::{SphereEnergy, SphereOptions, SpherePhase, SphereStart, check_embedding, map_to_sphere};
 use solidmap::{Point, Vector};
 
 use crate::arrays::{Points, copy_of_points, entries, from_points, rows};
-use crate::error::{Category, Failure};
-use crate::meshes::{Surface, finder, json as to_json};
+use crate::error::{ErrorKind, Failure};
+use crate::meshes::{Surface, json as to_json};
 use crate::run::{Step, part, run, run_briefly, step};
 
 /// Files by their roles.
@@ -29,7 +30,7 @@ pub type Inputs = Vec<(String, PathBuf)>;
 pub fn provenance(inputs: &Inputs) -> Result<Vec<Provenance>, Failure> {
     let of = |(role, path): &(String, PathBuf)| {
         Provenance::of(role, path)
-            .map_err(|error| Failure::new(Category::File, format!("cannot read `{}`: {error}", path.display())))
+            .map_err(|error| Failure::new(ErrorKind::Io, format!("cannot read `{}`: {error}", path.display())))
     };
     inputs.iter().map(of).collect()
 }
@@ -168,7 +169,7 @@ impl Boundary {
         run(py, None, None, move |_| match file.boundary.inverse() {
             Some(inverse) => Ok(Self::of(inverse, vec![])),
             None => Err(Failure::new(
-                Category::Unsupported,
+                ErrorKind::Unsupported,
                 "only a boundary map between two solids, made by boundary.pair, has an inverse",
             )),
         })
@@ -191,7 +192,7 @@ impl Boundary {
                 worst_places: worst,
                 ..BoundaryCheckOptions::default()
             };
-            let report = check(&file.boundary, target.as_deref(), &options, finder())?;
+            let report = check(&file.boundary, target.as_deref(), &options, self_intersection_finder())?;
             Ok((to_json(&report)?, report.to_string()))
         })
     }
@@ -289,7 +290,7 @@ pub fn boundary_sphere(
 }
 
 pub fn value_of(report: &impl serde::Serialize) -> Result<Value, Failure> {
-    serde_json::to_value(report).map_err(|error| Failure::new(Category::Internal, error.to_string()))
+    serde_json::to_value(report).map_err(|error| Failure::new(ErrorKind::Internal, error.to_string()))
 }
 
 /// How the boundary map of a pair is made, as the program's options.

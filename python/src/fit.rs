@@ -1,20 +1,19 @@
 //! Fits, and factors of domains that serve many of them.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::fit::{DomainFactor, Fit, FitMethod, FitOptions, FitSize, Phase, Placement};
+use solidmap::fit::{DomainFactor, Fit, FitMethod, FitOptions, FitSize, Phase, Placement, self_intersection_warning};
 use solidmap::mesh::SurfaceMesh;
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
 use crate::boundary::{Boundary, Inputs, provenance};
 use crate::error::Failure;
 use crate::map::Map;
-use crate::meshes::{Surface, finder};
+use crate::meshes::Surface;
 use crate::run::{Step, of, part, run, step};
 
 /// The program's options of the method.
@@ -136,30 +135,6 @@ pub fn fit_step(phase: Phase) -> Step {
     }
 }
 
-/// A warning when a domain intersects itself, in the program's words.
-fn intersections(domain: &SurfaceMesh, inputs: &Inputs) -> Option<String> {
-    let named = inputs
-        .first()
-        .map(|(_, path)| path.as_path())
-        .unwrap_or(Path::new("the domain"));
-    let shown = named.display();
-    match finder()?(domain) {
-        Ok(pairs) => pairs.first().map(|[a, b]| {
-            let count = match pairs.len() {
-                1 => "1 pair".into(),
-                count => format!("{count} pairs"),
-            };
-            format!(
-                "`{shown}` intersects itself: {count} of triangles, the first {a} and {b}; the map is wrong there. See \
-                 `solidmap check`"
-            )
-        }),
-        Err(error) => Some(format!(
-            "self-intersections of `{shown}` could not be looked for: {error}"
-        )),
-    }
-}
-
 /// Fits a map, and says whether the tolerance is met.
 #[pyfunction]
 #[pyo3(signature = (boundary, arguments, inputs, progress=None, time_limit=None))]
@@ -175,7 +150,10 @@ pub fn fit(
     run(py, progress, time_limit, move |watch| {
         let inputs_read = provenance(&inputs)?;
         let _ = watch.tell(|| step("looking for self-intersections"));
-        let warning = intersections(file.boundary.domain(), &inputs);
+        let name = inputs
+            .first()
+            .map_or_else(|| "the domain".into(), |(_, path)| path.display().to_string());
+        let warning = self_intersection_warning(file.boundary.domain(), &name);
         let mut found = solidmap::fit::fit(&file.boundary, &options, &|phase| {
             watch.tell_until_deadline(|| fit_step(phase))
         })?;

@@ -15,7 +15,7 @@ use solidmap::{Matrix3, Point};
 
 use crate::arrays::{Points, copy_of_points, copy_of_rows, from_matrices, from_points};
 use crate::boundary::Boundary;
-use crate::error::{Category, Failure};
+use crate::error::{ErrorKind, Failure};
 use crate::meshes::{Cells, json};
 use crate::run::{Watch, part, run, run_briefly, step};
 
@@ -68,7 +68,7 @@ impl Map {
             (Some("harmonic"), _) | (None, None) => Ok(Kind::Harmonic),
             (_, Some(_)) => Ok(Kind::Bijective),
             (_, None) => Err(Failure::new(
-                Category::Unsupported,
+                ErrorKind::Unsupported,
                 "there is no bijective map; make_bijective makes one",
             )),
         }
@@ -97,7 +97,7 @@ pub fn chosen(file: &MapFile, kind: Kind) -> &dyn VolumeMap {
 pub fn boundary_of(file: &MapFile) -> Result<&BoundaryMap, Failure> {
     file.boundary.as_ref().ok_or_else(|| {
         Failure::new(
-            Category::Unsupported,
+            ErrorKind::Unsupported,
             "the map's file holds no boundary map, so its domain is not known: another program wrote it",
         )
     })
@@ -327,7 +327,7 @@ impl Map {
     /// The tetrahedra of the bijective map, in the domain and in the target.
     fn bijective_tets(&self) -> PyResult<(Cells, Cells)> {
         let found = self.file.bijective.as_ref();
-        let found = found.ok_or_else(|| Failure::new(Category::Unsupported, "there is no bijective map"))?;
+        let found = found.ok_or_else(|| Failure::new(ErrorKind::Unsupported, "there is no bijective map"))?;
         let [domain, target] = [found.map.domain(), found.map.target()].map(|mesh| Cells::of(mesh.clone().into()));
         Ok((domain, target))
     }

@@ -6,11 +6,11 @@ use numpy::{PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use serde_json::json;
 use solidmap::certificate::{CertificateOptions, CertificateProgress, StopReason, certify};
-use solidmap::check::FindSelfIntersections;
 use solidmap::energy::{
     AdaptiveOptions, EnergyOptions, GridResolution, Lame, Quadrature, adaptive_energies, cell_quadrature, clipped_grid,
     densities, distortion, domain_mesh_quadrature, energies, worst_places,
 };
+use solidmap::fit::self_intersection_finder;
 use solidmap::map::{VolumeMap, with_cancellation};
 use solidmap::mesh::CellMesh;
 
@@ -18,7 +18,7 @@ use crate::arrays::Points;
 use crate::boundary::value_of;
 use crate::error::Failure;
 use crate::map::{Kind, Map, boundary_of, chosen};
-use crate::meshes::{Cells, finder, json as to_json};
+use crate::meshes::{Cells, json as to_json};
 use crate::run::{Step, of, run, step};
 
 /// The program's options of energies.
@@ -208,8 +208,7 @@ pub fn certificate(
     run(py, progress, None, move |watch| {
         if let (Some(bijective), Kind::Bijective) = (&file.bijective, kind) {
             let _ = watch.tell(|| step("checking tetrahedra"));
-            let find: Option<FindSelfIntersections> = finder();
-            let found = bijective.map.certificate(find);
+            let found = bijective.map.certificate(self_intersection_finder());
             let mut all = value_of(&found)?;
             all["map_kind"] = json!("bijective");
             all["one_to_one"] = json!(found.is_one_to_one());

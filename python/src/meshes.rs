@@ -7,31 +7,20 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::prelude::*;
 use serde::Serialize;
 use solidmap::Point;
-use solidmap::check::{self, FindSelfIntersections};
+use solidmap::check;
+use solidmap::fit::self_intersection_finder;
 use solidmap::geometry::SurfaceQuery;
 use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
 use solidmap::remesh::{determinants, invalid_cells, quality, scaled_jacobians};
 
 use crate::arrays::{Points, copy_of_points, copy_of_rows, entries, rows};
-use crate::error::{Category, Failure};
+use crate::error::{ErrorKind, Failure};
 use crate::run::{run, run_briefly};
 
 /// A report as the program prints it with `--json`.
 pub fn json(report: &impl Serialize) -> Result<String, Failure> {
-    serde_json::to_string(report).map_err(|error| Failure::new(Category::Internal, error.to_string()))
-}
-
-/// Finds self-intersections; `None` in a build without CGAL.
-#[cfg(feature = "native")]
-pub fn finder() -> Option<FindSelfIntersections<'static>> {
-    Some(&|mesh| solidmap::cgal_tetgen::self_intersections(mesh).map_err(|error| error.to_string()))
-}
-
-/// Finds self-intersections; `None` in a build without CGAL.
-#[cfg(not(feature = "native"))]
-pub fn finder() -> Option<FindSelfIntersections<'static>> {
-    None
+    serde_json::to_string(report).map_err(|error| Failure::new(ErrorKind::Internal, error.to_string()))
 }
 
 /// A triangle mesh.
@@ -114,7 +103,7 @@ impl Surface {
     fn check(&self, py: Python, progress: Option<&Bound<'_, PyAny>>) -> PyResult<(String, String, bool)> {
         let surface = Arc::clone(&self.0);
         run(py, progress, None, move |_| {
-            let report = check::check(&surface, finder());
+            let report = check::check(&surface, self_intersection_finder());
             Ok((json(&report)?, report.to_string(), report.is_solvable()))
         })
     }

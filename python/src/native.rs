@@ -35,7 +35,7 @@ mod calls {
     use solidmap::mesh::{CellMesh, SurfaceMesh, TetMesh};
 
     use super::*;
-    use crate::error::Category;
+    use crate::error::ErrorKind;
     use crate::run::{Watch, step};
 
     /// TetGen's tetrahedra, as the program makes them where none are given.
@@ -132,7 +132,7 @@ mod calls {
     }
 
     pub fn serve() -> Result<(), Failure> {
-        cgal_tetgen::serve_calls().map_err(|error| Failure::new(Category::File, error.to_string()))
+        cgal_tetgen::serve_calls().map_err(|error| Failure::new(ErrorKind::Io, error.to_string()))
     }
 }
 

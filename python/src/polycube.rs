@@ -13,7 +13,7 @@ use solidmap::remesh::{CellSize, RemeshOptions};
 
 use crate::arrays::{entries, rows};
 use crate::boundary::{Inputs, pair_step, provenance, value_of};
-use crate::error::{Category, Failure};
+use crate::error::{ErrorKind, Failure};
 use crate::fit::fit_step;
 use crate::map::Map;
 use crate::meshes::{Cells, Surface, json as to_json};
@@ -165,7 +165,7 @@ impl Hexmesh {
     /// The map, the mesh and the polycube; once.
     fn take(&self) -> PyResult<(Map, CarriedMesh, Option<Polycube>)> {
         let parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner).take();
-        Ok(parts.ok_or_else(|| Failure::new(Category::Internal, "the parts of a mesh were taken twice"))?)
+        Ok(parts.ok_or_else(|| Failure::new(ErrorKind::Internal, "the parts of a mesh were taken twice"))?)
     }
 
     #[getter]

@@ -6,6 +6,7 @@ use numpy::PyArray2;
 use pyo3::prelude::*;
 use serde_json::json;
 use solidmap::bijective::{RefinementOptions, make_bijective, refined_at_boundary};
+use solidmap::fit::self_intersection_finder;
 use solidmap::mesh::CellMesh;
 use solidmap::remesh::{
     CellKind, CellSize, InversionCause, RemeshOptions, RemeshPhase, RemeshReport, RemeshSource, Remeshed, remesh,
@@ -15,7 +16,7 @@ use crate::arrays::copy_of_points;
 use crate::boundary::value_of;
 use crate::error::Failure;
 use crate::map::{Map, boundary_of};
-use crate::meshes::{Cells, finder, json as to_json};
+use crate::meshes::{Cells, json as to_json};
 use crate::native::filled;
 use crate::run::{Step, of, run, step};
 
@@ -141,7 +142,7 @@ impl CarriedMesh {
             all["inverted_cells"] = json!(report.after.cells.len());
             all["reasons"] = reasons(report);
             all["min_scaled_jacobian"] = json!(report.quality.map(|quality| quality.min_scaled_jacobian));
-            all["crossings"] = value_of(&remeshed.boundary_intersections(finder()))?;
+            all["crossings"] = value_of(&remeshed.boundary_intersections(self_intersection_finder()))?;
             all["worst_places"] = value_of(&remeshed.worst_places(worst))?;
             Ok(all.to_string())
         })
@@ -215,10 +216,15 @@ pub fn with_bijective(
             ..RemeshOptions::default()
         };
         let _ = watch.tell(|| step("refining the boundary"));
-        let (mesh, refined) = refined_at_boundary(boundary, mesh, &refinement, finder())?;
-        let made = make_bijective(boundary, &file.map, mesh, &options, finder(), &|phase| {
-            watch.tell(|| remesh_step(phase))
-        })?;
+        let (mesh, refined) = refined_at_boundary(boundary, mesh, &refinement, self_intersection_finder())?;
+        let made = make_bijective(
+            boundary,
+            &file.map,
+            mesh,
+            &options,
+            self_intersection_finder(),
+            &|phase| watch.tell(|| remesh_step(phase)),
+        )?;
         let both = (*file).clone().with_bijective(made);
         Ok((Map::of_file(both, report), to_json(&refined)?))
     })

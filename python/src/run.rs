@@ -16,7 +16,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use solidmap::progress::ProgressControl;
 
-use crate::error::{Category, Failure};
+use crate::error::{ErrorKind, Failure};
 
 /// How often signals are looked for.
 const POLL_INTERVAL: Duration = Duration::from_millis(25);
@@ -140,7 +140,7 @@ pub fn run<T: Send + 'static>(
     };
     worker.spawn(body).map_err(|error| {
         Failure::new(
-            Category::Memory,
+            ErrorKind::Memory,
             format!("no thread could be started for the work: {error}"),
         )
     })?;
@@ -149,7 +149,7 @@ pub fn run<T: Send + 'static>(
         match py.detach(|| wait(POLL_INTERVAL)) {
             Ok(result) => return Ok(result?),
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(Failure::new(Category::Internal, "the thread that worked is gone").into());
+                return Err(Failure::new(ErrorKind::Internal, "the thread that worked is gone").into());
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
@@ -222,7 +222,7 @@ fn failure_of(payload: &(dyn Any + Send)) -> Failure {
     let what = what.or_else(|| payload.downcast_ref::<&str>().copied());
     let place = LATEST_PLACE.lock().unwrap_or_else(PoisonError::into_inner).clone();
     Failure::new(
-        Category::Internal,
+        ErrorKind::Internal,
         format!(
             "a bug in solidmap itself, please report it: {} ({place})",
             what.unwrap_or("a panic without a message")
@@ -245,7 +245,7 @@ fn require_threads() -> Result<(), Failure> {
         // Their threads do not exist in a forked process, which would wait for them forever.
         _ => {
             return Err(Failure::new(
-                Category::Unsupported,
+                ErrorKind::Unsupported,
                 "this process was forked from one that had already used solidmap, and has none of its threads; start \
                  processes by `spawn` (multiprocessing.set_start_method(\"spawn\"))",
             ));
@@ -260,7 +260,7 @@ fn require_threads() -> Result<(), Failure> {
         wanted => wanted,
     };
     let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    built.map_err(|error| Failure::new(Category::Memory, format!("threads could not be started: {error}")))?;
+    built.map_err(|error| Failure::new(ErrorKind::Memory, format!("threads could not be started: {error}")))?;
     if threads > 0 {
         faer::set_global_parallelism(faer::Par::rayon(threads));
     }
@@ -298,7 +298,7 @@ pub fn set_threads(threads: usize) -> PyResult<()> {
             return Ok(());
         }
         return Err(Failure::new(
-            Category::Unsupported,
+            ErrorKind::Unsupported,
             format!("{running} threads run already; set their number before the first call that works"),
         )
         .into());

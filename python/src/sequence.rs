@@ -6,15 +6,16 @@ use pyo3::prelude::*;
 use serde_json::{Value, json};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::energy::{AdaptiveOptions, GridResolution};
+use solidmap::fit::self_intersection_finder;
 use solidmap::mesh::TetMesh;
 use solidmap::remesh::RemeshOptions;
 use solidmap::sequence::{FilledReference, FrameMeasurement, SequenceError, SequenceOptions, SequencePhase, cycles};
 
 use crate::boundary::value_of;
-use crate::error::{Category, Failure};
+use crate::error::{ErrorKind, Failure};
 use crate::fit::{FitArguments, fit_step};
 use crate::measures::lame_of;
-use crate::meshes::{Cells, Surface, finder, json as to_json};
+use crate::meshes::{Cells, Surface, json as to_json};
 use crate::native::filled;
 use crate::remesh::remesh_step;
 use crate::run::run;
@@ -42,7 +43,7 @@ struct Prepared {
 impl Prepared {
     fn filled(&self) -> Result<Option<FilledReference<'static>>, SequenceError> {
         let of = |(mesh, options): &(TetMesh, RemeshOptions)| {
-            FilledReference::new(&self.sequence, mesh.clone(), *options, finder())
+            FilledReference::new(&self.sequence, mesh.clone(), *options, self_intersection_finder())
         };
         self.filled.as_ref().map(of).transpose()
     }
@@ -147,7 +148,7 @@ impl Sequence {
         run(py, progress, None, move |watch| {
             let lost = || {
                 Failure::new(
-                    Category::Unsupported,
+                    ErrorKind::Unsupported,
                     "the sequence was cancelled, or is in use by another thread",
                 )
             };

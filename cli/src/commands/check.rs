@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use solidmap::check::{CellReport, CheckReport, check, examine_cells};
+use solidmap::fit::self_intersection_finder;
 use solidmap::io::SolidMesh;
 
 use crate::CommandOutcome;
@@ -11,7 +12,6 @@ use crate::args::CheckArgs;
 use crate::shared::input;
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, describe};
-use crate::shared::self_intersections::finder;
 
 /// What `check --json` prints.
 #[derive(Serialize)]
@@ -66,7 +66,7 @@ fn examine(model: &Path) -> anyhow::Result<ModelReport> {
     Ok(ModelReport {
         model: model.into(),
         cell_mesh,
-        report: Some(check(&solid.into_surface(), finder())),
+        report: Some(check(&solid.into_surface(), self_intersection_finder())),
         unreadable: None,
     })
 }

@@ -8,7 +8,7 @@ use solidmap::bijective::{Bijective, RefinementOptions};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::PairMaps;
 use solidmap::files::{self, MapFile, MapMetadata};
-use solidmap::fit::{FitOptions, FitReport, LocalError, Placement, RefinementEnd};
+use solidmap::fit::{FitOptions, FitReport, LocalError, Placement, RefinementEnd, self_intersection_warning};
 use solidmap::io::{self, Cells, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::remesh::DEFAULT_EFFORT;
@@ -26,7 +26,7 @@ use crate::shared::input::BoundarySource;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, describe, memory_row, peak_rss_bytes, two_columns};
 use crate::shared::places::with_places;
-use crate::shared::{bijective, boundary_map, input, interrupt, self_intersections};
+use crate::shared::{bijective, boundary_map, input, interrupt};
 
 /// What `fit --json` prints.
 #[derive(Serialize)]
@@ -166,7 +166,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let inputs: anyhow::Result<_> = files.iter().map(|(role, path)| input::provenance(role, path)).collect();
     let inputs = inputs?;
     output.progress("looking for self-intersections");
-    let intersections = self_intersections::warning(boundary.domain(), name);
+    let intersections = self_intersection_warning(boundary.domain(), &name.display().to_string());
     let mut fit = fit_in_time(&boundary, &options, output).with_context(cannot_map)?;
     fit.report
         .warnings

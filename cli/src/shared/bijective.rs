@@ -7,6 +7,7 @@ use solidmap::bijective::{
     refined_at_boundary,
 };
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::fit::self_intersection_finder;
 use solidmap::io::SolidMesh;
 use solidmap::map::HarmonicMap;
 use solidmap::mesh::{CellList, SurfaceMesh, TetMesh};
@@ -14,7 +15,6 @@ use solidmap::remesh::{RemeshOptions, RepairStart};
 
 use super::output::Output;
 use super::remeshing::show_phase;
-use super::self_intersections::finder;
 use crate::drawing::significant;
 
 /// How the map is made.
@@ -55,7 +55,7 @@ pub fn make(
     let progress = |phase| show_phase(phase, "", output);
     let mesh = filled(boundary.domain(), making.mesh, making.memory, output)?;
     output.progress("refining the boundary");
-    let (mesh, refinement) = match refined_at_boundary(boundary, mesh, &making.refinement, finder()) {
+    let (mesh, refinement) = match refined_at_boundary(boundary, mesh, &making.refinement, self_intersection_finder()) {
         Ok(refined) => refined,
         Err(error) => return Ok(Err(error)),
     };
@@ -66,7 +66,7 @@ pub fn make(
             refinement.deviation, refinement.triangles, making.refinement.tolerance
         ));
     }
-    let found = make_bijective(boundary, map, mesh, &options, finder(), &progress);
+    let found = make_bijective(boundary, map, mesh, &options, self_intersection_finder(), &progress);
     Ok(found.map(|bijective| {
         let summary = BijectiveSummary {
             report: bijective.report.clone(),

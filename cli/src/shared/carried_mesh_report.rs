@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::Serialize;
+use solidmap::fit::self_intersection_finder;
 use solidmap::memory::readable;
 use solidmap::remesh::{
     BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, PolishOutcome,
@@ -12,7 +13,6 @@ use solidmap::worst_places::WorstPlace;
 
 use super::input::extension;
 use super::output::{Output, mebibytes};
-use super::self_intersections::finder;
 use crate::drawing::significant;
 
 /// How many cells stay inverted, by their cause.
@@ -114,7 +114,7 @@ impl CarriedMeshReport {
             inverted_cells: remeshed.report.after.cells.len(),
             reasons: Reasons::of(&remeshed.report),
             min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
-            crossings: remeshed.boundary_intersections(finder()),
+            crossings: remeshed.boundary_intersections(self_intersection_finder()),
             worst_places: remeshed.worst_places(worst),
             remesh: remeshed.report.clone(),
         }

@@ -100,12 +100,12 @@ pub fn end_with_an_error(_: bool) {}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared::json::{ErrorKind, error};
+    use crate::shared::json::{FailureKind, error};
 
     #[test]
     fn the_json_is_that_of_other_errors() {
         let message = "out of memory: the system gives this process no more";
-        let other = error(ErrorKind::Failed, message, 2) + "\n";
+        let other = error(FailureKind::Failed, message, 2) + "\n";
         assert_eq!(other.replace("\"failed\"", "\"out_of_memory\""), JSON);
     }
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
 
-use super::json::{self, ErrorKind};
+use super::json::{self, FailureKind};
 use super::made_folder;
 use super::output::{Output, to_stderr, to_stdout};
 use solidmap::io;
@@ -59,7 +59,7 @@ pub fn end_cleanly(output: &Output) {
     let as_json = output.errors_as_json();
     let ignored = IgnoredSignals::now();
     // Without a handler the system ends the program, which may leave a temporary file.
-    let _ = ctrlc::set_handler(move || end(&line, ErrorKind::Interrupted, "interrupted", as_json));
+    let _ = ctrlc::set_handler(move || end(&line, FailureKind::Interrupted, "interrupted", as_json));
     ignored.ignore();
 }
 
@@ -149,12 +149,12 @@ pub fn end_after(seconds: f64, output: &Output) {
             std::thread::sleep(Duration::from_secs_f64(LEAST_GRACE.max(seconds / 4.0)));
         }
         let message = format!("not done within the time limit of {seconds} s (--time-limit)");
-        end(&line, ErrorKind::TimeLimit, &message, as_json);
+        end(&line, FailureKind::TimeLimit, &message, as_json);
     });
 }
 
 /// Removes what is half written and exits. The worker of CGAL and TetGen ends with this process.
-fn end(line: &ProgressBar, kind: ErrorKind, message: &str, as_json: bool) {
+fn end(line: &ProgressBar, kind: FailureKind, message: &str, as_json: bool) {
     io::abandon_writes();
     let removed = removed();
     for folder in &removed.whole {
@@ -162,7 +162,7 @@ fn end(line: &ProgressBar, kind: ErrorKind, message: &str, as_json: bool) {
     }
     made_folder::remove_empty(&removed.if_empty);
     line.finish_and_clear();
-    let code = if kind == ErrorKind::Interrupted {
+    let code = if kind == FailureKind::Interrupted {
         to_stderr(format_args!("{message}"));
         INTERRUPTED
     } else {

@@ -4,6 +4,7 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use serde::{Serialize, Serializer};
+use solidmap::error_kind::ErrorKind;
 
 /// Version of the fields: raised when one is removed, renamed, or changes its meaning. New fields do not raise it.
 const SCHEMA: u32 = 1;
@@ -41,7 +42,7 @@ pub fn document(report: &impl Serialize) -> serde_json::Result<String> {
 /// Why a command could not run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum ErrorKind {
+pub enum FailureKind {
     /// Arguments that the program does not know, or that do not go together.
     Usage,
     /// Everything else, such as files that cannot be read.
@@ -60,22 +61,37 @@ struct ErrorReport<'e> {
 
 #[derive(Serialize)]
 struct ErrorFields<'e> {
-    kind: ErrorKind,
+    kind: FailureKind,
+    /// What it is about, where that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    about: Option<&'static str>,
     message: &'e str,
     exit_code: i32,
 }
 
 /// An error as text; the message does not begin with `error:`.
-pub fn error(kind: ErrorKind, message: &str, exit_code: i32) -> String {
-    let report = ErrorReport {
-        error: ErrorFields {
-            kind,
-            message,
-            exit_code,
-        },
-    };
+pub fn error(kind: FailureKind, message: &str, exit_code: i32) -> String {
+    written(ErrorFields {
+        kind,
+        about: None,
+        message,
+        exit_code,
+    })
+}
+
+/// The error of a command as text, with what it is about where the library or the system knows it.
+pub fn failure(error: &anyhow::Error, message: &str, exit_code: i32) -> String {
+    written(ErrorFields {
+        kind: FailureKind::Failed,
+        about: error.chain().find_map(ErrorKind::of).map(ErrorKind::name),
+        message,
+        exit_code,
+    })
+}
+
+fn written(error: ErrorFields) -> String {
     // Strings and numbers alone can always be written.
-    document(&report).unwrap_or_default()
+    document(&ErrorReport { error }).unwrap_or_default()
 }
 
 /// The name of a file in a report. Bytes that are not UTF-8 are replaced, and the document says so.
@@ -122,12 +138,22 @@ mod tests {
 
     #[test]
     fn an_error_says_what_it_is() {
-        let written: serde_json::Value = serde_json::from_str(&error(ErrorKind::TimeLimit, "too late", 2)).unwrap();
+        let written: serde_json::Value = serde_json::from_str(&error(FailureKind::TimeLimit, "too late", 2)).unwrap();
         assert_eq!(written["version"]["schema"], SCHEMA);
         assert_eq!(
             written["error"],
             serde_json::json!({"kind": "time_limit", "message": "too late", "exit_code": 2})
         );
+    }
+
+    #[test]
+    fn a_failure_says_what_it_is_about_also_behind_other_words() {
+        let missing = solidmap::io::read_surface("/nowhere/a.obj").unwrap_err();
+        let missing = anyhow::Error::new(missing).context("cannot map it");
+        let written: serde_json::Value = serde_json::from_str(&failure(&missing, "no", 2)).unwrap();
+        assert_eq!(written["error"]["about"], "not_found");
+        let written: serde_json::Value = serde_json::from_str(&failure(&anyhow::anyhow!("other"), "no", 2)).unwrap();
+        assert!(written["error"].get("about").is_none());
     }
 
     #[cfg(unix)]

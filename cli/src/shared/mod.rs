@@ -24,5 +24,4 @@ pub mod points;
 pub mod polycubes;
 pub mod progress;
 pub mod remeshing;
-pub mod self_intersections;
 pub mod stored_paths;

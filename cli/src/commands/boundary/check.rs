@@ -5,6 +5,7 @@ use std::time::Instant;
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
+use solidmap::fit::self_intersection_finder;
 use solidmap::io;
 
 use super::pictures;
@@ -14,7 +15,6 @@ use crate::shared::input;
 use crate::shared::input::BoundarySource;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
-use crate::shared::self_intersections::finder;
 
 /// What `boundary check --json` prints.
 #[derive(Serialize)]
@@ -54,7 +54,7 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandO
         worst_places: args.places.worst,
         ..BoundaryCheckOptions::default()
     };
-    let check = check(&map, target.as_ref(), &options, finder())
+    let check = check(&map, target.as_ref(), &options, self_intersection_finder())
         .with_context(|| format!("cannot check `{}`", source.image().display()))?;
     if let Some(png) = &args.png {
         output.progress("drawing");

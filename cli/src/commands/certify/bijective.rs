@@ -5,13 +5,13 @@ use std::time::Instant;
 use anyhow::ensure;
 use serde::Serialize;
 use solidmap::bijective::{BijectiveMap, BijectivityCertificate};
+use solidmap::fit::self_intersection_finder;
 
 use crate::CommandOutcome;
 use crate::args::CertifyArgs;
 use crate::shared::chosen_map::MapName;
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, peak_rss_bytes, two_columns};
-use crate::shared::self_intersections::finder;
 
 /// What `certify --json` prints for a bijective map.
 #[derive(Serialize)]
@@ -35,7 +35,7 @@ pub fn run(args: &CertifyArgs, map: &BijectiveMap, output: &Output) -> anyhow::R
     );
     output.progress("looking for self-intersections");
     let clock = Instant::now();
-    let certificate = map.certificate(finder());
+    let certificate = map.certificate(self_intersection_finder());
     let report = Summary {
         map: (&args.map).into(),
         map_kind: MapName::Bijective,

@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use solidmap::check::MOST_RIM_EDGES;
-use solidmap::fit::FitError;
+use solidmap::fit::{FitError, self_intersection_finder, self_intersection_warning};
 use solidmap::geometry::count_outside;
 use solidmap::mesh::TetMesh;
 use solidmap::remesh::RemeshOptions;
@@ -23,8 +23,8 @@ use crate::args::{MapKind, SequenceArgs};
 use crate::shared::bijective::{filled, own_tets};
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::{fit_options, show_phase};
+use crate::shared::input;
 use crate::shared::output::{Output, with_option_names};
-use crate::shared::{input, self_intersections};
 use folder::{CELLS, MATERIAL, ResultFolder, SURFACE};
 use measure::Measurement;
 use summary::SequenceTimings;
@@ -59,7 +59,10 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
     let sequence = sequence.map_err(|error| advised(error, args))?;
     let mut warnings = sequence.warnings().to_vec();
     output.progress("looking for self-intersections");
-    warnings.extend(self_intersections::warning(sequence.domain(), &args.reference));
+    warnings.extend(self_intersection_warning(
+        sequence.domain(),
+        &args.reference.display().to_string(),
+    ));
     warnings.iter().for_each(|warning| output.warn_of_fit(warning));
     let material = args
         .material
@@ -112,7 +115,7 @@ fn filled_reference(
         memory,
         ..RemeshOptions::default()
     };
-    FilledReference::new(sequence, mesh, options, self_intersections::finder()).map_err(|error| advised(error, args))
+    FilledReference::new(sequence, mesh, options, self_intersection_finder()).map_err(|error| advised(error, args))
 }
 
 /// Reads the mesh of `--material`.

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use solidmap::check::ClosedHole;
 use solidmap::energy::{DensityQuantiles, EnergyErrors};
-use solidmap::fit::BoundaryError;
+use solidmap::fit::{BoundaryError, self_intersection_finder};
 use solidmap::sequence::{CycleError, Cycles, FrameMeasurement};
 
 use super::measure::Measurement;
@@ -13,7 +13,6 @@ use crate::drawing::significant;
 use crate::shared::chosen_map::MapName;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{memory_row, peak_rss_bytes, two_columns};
-use crate::shared::self_intersections::finder;
 
 /// A frame whose volume is more than this times the reference's, or less than the inverse, may be in another unit.
 const OTHER_UNIT: f64 = 4.0;
@@ -268,7 +267,7 @@ fn summary(report: &SequenceSummary, series: Option<&Series>) -> String {
                 format!(
                     "bijective, linear over {tets} tetrahedra, of which the harmonic one inverts {} in the worst frame{}",
                     inverted.unwrap_or(0),
-                    match finder() {
+                    match self_intersection_finder() {
                         Some(_) => "",
                         None => "; whether frames pass through themselves was not looked for, which needs CGAL",
                     }
