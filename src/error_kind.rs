@@ -386,6 +386,7 @@ classified! {
         | Self::Elsewhere { .. }
         | Self::Option { .. }
         | Self::Query(_)
+        | Self::NotPrepared { .. }
         | Self::NoInterior { .. } => ErrorKind::InvalidInput,
     }
 }

@@ -2,18 +2,28 @@
 //!
 //! [`build`] computes a map by one [`ComparedMethod`] and times its phases. [`MapEvaluator`] holds what all maps are
 //! measured at: one grid to begin all integrals with, and one set of points inside. It returns [`MapMeasurements`] for each
-//! map. [`spread`] measures how much the maps of one method differ among themselves.
+//! map, and [`measured_map`] all [`MapFigures`]. [`reference()`] makes the map that others are compared with,
+//! [`frame_timings`] times sequences, [`equal_accuracy`] refines finite elements, and [`spread`] measures how much the maps
+//! of one method differ among themselves.
 
 mod build;
+mod figures;
+mod frames;
 mod measure;
+mod reference;
+mod variations;
 
 pub use build::{
     BuildOptions, BuildTimings, BuiltMap, ComparedMethod, MeshSpec, TetMesher, build, make_mesh, mesh_for,
 };
+pub use figures::{MapFigures, MeasuredMap, measured_map};
+pub use frames::{FrameTimings, frame_timings};
 pub use measure::{
     EvaluationOptions, FoldCount, InteriorImages, MapDifference, MapEvaluator, MapMeasurements, boundary_error,
     carried, spread,
 };
+pub use reference::{Reference, outward, reference};
+pub use variations::{Variation, equal_accuracy};
 
 use crate::baseline::{BaselineError, MeanValueError};
 use crate::bijective::BijectiveError;
@@ -110,6 +120,12 @@ pub enum CompareError {
         points: usize,
         /// Points that were evaluated.
         of: usize,
+    },
+    /// The method keeps nothing from frame to frame.
+    #[error("{method} keeps nothing from frame to frame")]
+    NotPrepared {
+        /// The method.
+        method: &'static str,
     },
     /// The map is not finite on the boundary.
     #[error("the map has no finite value at points of the boundary")]

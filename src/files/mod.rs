@@ -1,10 +1,12 @@
-//! solidmap's own files: maps, boundary maps, solid textures, landmarks and landmark curves.
+//! solidmap's own files: maps, boundary maps, solid textures, landmarks and landmark curves; and fields of maps for
+//! ParaView.
 //!
 //! Maps, boundary maps and textures are safetensors containers: named tensors, with a JSON object in the metadata.
 //! Landmarks are text.
 
 mod boundary;
 mod boundary_tensors;
+mod fields;
 mod landmark_curves;
 mod landmarks;
 mod map;
@@ -13,6 +15,10 @@ mod tensor_file;
 mod texture;
 
 pub use boundary::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
+pub use fields::{
+    attempt_fields, certificate_fields, energy_fields, write_boundary_fields, write_cell_means, write_fields,
+    write_fit_fields,
+};
 pub use landmark_curves::read_landmark_curves;
 pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
 pub use map::{MapFile, MapMetadata, read_map, write_map};

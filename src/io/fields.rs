@@ -16,6 +16,26 @@ pub struct Field {
     pub values: Vec<f64>,
 }
 
+impl Field {
+    /// A field of one component.
+    pub fn scalar(name: &str, values: Vec<f64>) -> Self {
+        Self {
+            name: name.into(),
+            components: 1,
+            values,
+        }
+    }
+
+    /// A field of points.
+    pub fn positions(name: &str, points: &[Point]) -> Self {
+        Self {
+            name: name.into(),
+            components: 3,
+            values: points.iter().flat_map(|p| [p.x, p.y, p.z]).collect(),
+        }
+    }
+}
+
 /// The fields of a mesh.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VtkFields {

@@ -26,6 +26,8 @@ mod solid;
 mod sphere_labels;
 mod voxels;
 
+use std::collections::HashMap;
+
 use nalgebra::Rotation3;
 
 use crate::Point;
@@ -256,6 +258,18 @@ impl PolycubeMap {
     /// The boundaries of the polycube and of the model, with the same triangles over the boundary nodes alone.
     pub fn surfaces(&self) -> [SurfaceMesh; 2] {
         surfaces(&self.boundary, [self.polycube.vertices(), self.model.vertices()])
+    }
+
+    /// [`Self::given_labels`] of triangles in another order, their corners too. A triangle that has none gets 0.
+    pub fn given_labels_of(&self, triangles: &[[u32; 3]]) -> Vec<u8> {
+        let sorted = |mut corners: [u32; 3]| {
+            corners.sort_unstable();
+            corners
+        };
+        let by_corners: HashMap<[u32; 3], u8> =
+            self.given_labels.iter().map(|&(t, label)| (sorted(t), label)).collect();
+        let label = |t: &[u32; 3]| by_corners.get(&sorted(*t)).copied().unwrap_or_default();
+        triangles.iter().map(label).collect()
     }
 }
 

@@ -186,7 +186,7 @@ pub struct BoundaryOutputs {
     /// Write a picture: both surfaces painted with one pattern, and coloured by distortion
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Write the surface with images and distortion, for ParaView (.vtu)
+    /// Write the surface with images and distortion, for ParaView (.vtu, .vtk)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
     /// Axis that points up in the picture

@@ -40,7 +40,7 @@ pub struct FitArgs {
     /// and the exit code is 1. `solidmap bijective` has the options
     #[arg(long)]
     pub bijective: bool,
-    /// Also write the boundary with its images and errors, for ParaView (.vtu)
+    /// Also write the boundary with its images and errors, for ParaView (.vtu, .vtk)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
     #[command(flatten)]

@@ -109,7 +109,7 @@ pub struct EnergyArgs {
     pub choice: MapChoice,
     #[command(flatten)]
     pub lame: LameArgs,
-    /// Write the energy densities of all cells, for ParaView (.vtu)
+    /// Write the energy densities of all cells, for ParaView (.vtu, .vtk)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
     /// Write a picture of a cross-section: both energy densities, and the target's distance field pulled back by the
@@ -132,8 +132,8 @@ pub struct EnergyArgs {
 pub struct CertifyArgs {
     /// Map file
     pub map: PathBuf,
-    /// Write all cells with what is proved in them, for ParaView (.vtu). Eight siblings with the same verdict are written
-    /// as one cell, with the least of their bounds
+    /// Write all cells with what is proved in them, for ParaView (.vtu, .vtk). Eight siblings with the same verdict are
+    /// written as one cell, with the least of their bounds
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// Write a picture of a cross-section, coloured by what is proved, and of its worst place enlarged (.png)

@@ -23,7 +23,7 @@ use crate::shared::json::FileName;
 use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, mebibytes, peak_rss_bytes, write_file};
 use crate::shared::pictures::{Pictured, plane_across};
-use crate::shared::{carried_mesh_file, carried_mesh_picture, density_file, remeshing};
+use crate::shared::{carried_mesh_file, carried_mesh_picture, remeshing};
 
 /// Hexahedra along the longest side of a polycube.
 const HEXES: usize = 32;
@@ -156,8 +156,8 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
     io::write_surface(folder.join("domain.obj"), domain)?;
     io::write_surface(folder.join("image.obj"), &target)?;
     let distances = distance_field(&target, &fit.map.evaluate(quadrature.points()))?;
-    let fields = density_file::fields(&energy.densities, &distances);
-    density_file::write(&folder.join("energy.vtu"), &quadrature, None, &fields)?;
+    let fields = files::energy_fields(&energy.densities, &distances);
+    files::write_cell_means(&folder.join("energy.vtu"), &quadrature, None, &fields)?;
 
     output.progress("drawing");
     let pictured = Pictured {

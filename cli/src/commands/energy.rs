@@ -8,6 +8,7 @@ use solidmap::energy::{
     DensityQuantiles, EnergyErrors, EnergyOptions, EnergyReport, Quadrature, adaptive_energies, cell_quadrature,
     domain_mesh_quadrature, energies, worst_places,
 };
+use solidmap::files;
 use solidmap::geometry::distance_field;
 use solidmap::io;
 use solidmap::mesh::CellMesh;
@@ -17,11 +18,11 @@ use crate::CommandOutcome;
 use crate::args::EnergyArgs;
 use crate::drawing::{Figure, significant};
 use crate::shared::chosen_map::{ChosenMap, MapName};
+use crate::shared::input;
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns, write_file};
 use crate::shared::pictures::Pictured;
 use crate::shared::places::{percent, with_places};
-use crate::shared::{density_file, input};
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 640;
@@ -104,8 +105,8 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     if let Some(path) = &args.vtu {
         output.progress("writing");
         let distances = distance_field(&target, &chosen.map().evaluate(quadrature.points()))?;
-        let fields = density_file::fields(&energy.densities, &distances);
-        density_file::write(path, &quadrature, mesh.as_ref(), &fields)?;
+        let fields = files::energy_fields(&energy.densities, &distances);
+        files::write_cell_means(path, &quadrature, mesh.as_ref(), &fields)?;
     }
     if let Some(path) = &args.png {
         output.progress("drawing");

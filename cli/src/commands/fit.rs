@@ -9,8 +9,8 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::PairMaps;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, FitReport, LocalError, Placement, RefinementEnd, self_intersection_warning};
-use solidmap::io::{self, Cells, VtkFields};
-use solidmap::map::{HarmonicMap, VolumeMap};
+use solidmap::io;
+use solidmap::map::HarmonicMap;
 use solidmap::remesh::DEFAULT_EFFORT;
 use solidmap::solver::SchwarzStop;
 use solidmap::spherical::SphereOptions;
@@ -20,7 +20,6 @@ use crate::CommandOutcome;
 use crate::args::{FitArgs, PairArgs};
 use crate::drawing::significant;
 use crate::shared::bijective::{BijectiveSummary, Making};
-use crate::shared::fields::{positions, scalar};
 use crate::shared::fitting::{fit_in_time, fit_options};
 use crate::shared::input::BoundarySource;
 use crate::shared::json::{FileName, file_name};
@@ -200,7 +199,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         }
     }
     if let (Some(path), Some(boundary)) = (&args.vtu, &file.boundary) {
-        write_boundary(path, boundary, &file.map)?;
+        files::write_fit_fields(path, boundary, &file.map)?;
     }
 
     let tolerance_met = options.is_met_by(&fit.report);
@@ -398,25 +397,4 @@ fn advice(fit: &FitReport) -> &'static str {
             "More sources did not help: --vtu shows where the boundary map jumps, folds, or is too coarse"
         }
     }
-}
-
-/// The domain's surface with the image, the map's value and the distance between them at each vertex.
-fn write_boundary(path: &Path, boundary: &BoundaryMap, map: &HarmonicMap) -> anyhow::Result<()> {
-    let domain = boundary.domain();
-    let mapped = map.evaluate(domain.vertices());
-    let errors = mapped.iter().zip(boundary.image()).map(|(f, exact)| (f - exact).norm());
-    let fields = VtkFields {
-        point: vec![
-            positions("image", boundary.image()),
-            positions("mapped", &mapped),
-            scalar("error", errors.collect()),
-        ],
-        ..VtkFields::default()
-    };
-    Ok(io::write_vtu(
-        path,
-        domain.vertices(),
-        Cells::Triangles(domain.triangles()),
-        &fields,
-    )?)
 }

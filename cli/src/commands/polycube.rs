@@ -7,7 +7,8 @@ use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
-use solidmap::io::{self, Cells, VtkEncoding, VtkFields};
+use solidmap::files;
+use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::TetMesh;
 use solidmap::polycube::{
     BadPlace, BestAttempt, MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport, make_polycube,
@@ -18,7 +19,6 @@ use solidmap::spherical::require_genus_0;
 
 use crate::CommandOutcome;
 use crate::args::PolycubeArgs;
-use crate::shared::fields;
 use crate::shared::input;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, written_row};
@@ -147,23 +147,13 @@ fn problem(error: &MakePolycubeError, model: &TetMesh) -> String {
 }
 
 fn write_attempt(file: &Path, best: &BestAttempt) -> anyhow::Result<()> {
-    let bad = best.bad.iter().map(|&bad| f64::from(u8::from(bad))).collect();
-    let labels = best
-        .cell_labels
-        .iter()
-        .map(|label| label.map_or(-1.0, f64::from))
-        .collect();
     let fields = VtkFields {
-        point: vec![fields::positions("model", best.model.vertices())],
-        cell: vec![fields::scalar("bad", bad), fields::scalar("label", labels)],
+        point: vec![Field::positions("model", best.model.vertices())],
+        cell: files::attempt_fields(best),
         ..VtkFields::default()
     };
     let (points, cells) = (best.polycube.vertices(), Cells::Tets(best.polycube.tets()));
-    match input::extension(file).as_str() {
-        "vtk" => io::write_vtk(file, points, cells, &fields, VtkEncoding::Binary)?,
-        _ => io::write_vtu(file, points, cells, &fields)?,
-    }
-    Ok(())
+    Ok(files::write_fields(file, points, cells, &fields)?)
 }
 
 /// Labels of the model's triangles.
@@ -200,7 +190,7 @@ fn write(found: &PolycubeMap, triangles: &[[u32; 3]], args: &PolycubeArgs, outpu
         io::write_triangle_labels(file, &found.labels)?;
     }
     if let Some(file) = &args.write_model_labels {
-        let labels = polycubes::in_order_of(&found.given_labels, triangles);
+        let labels = found.given_labels_of(triangles);
         io::write_triangle_labels(file, &labels)?;
     }
     Ok(())

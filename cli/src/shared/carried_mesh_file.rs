@@ -4,10 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use solidmap::Point;
-use solidmap::io::{self, CellGroup, Cells, VtkFields};
+use solidmap::io::{self, CellGroup, Cells, Field, VtkFields};
 use solidmap::remesh::{BoundedMesh, InversionCause, Remeshed, determinants, scaled_jacobians};
 
-use super::fields::{positions as field_of_points, scalar};
 use super::input::extension;
 
 /// Writes the mesh with its nodes at `positions`; `origin` says in one line where it comes from.
@@ -53,19 +52,19 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
     let on_boundary = mesh.on_boundary().iter().map(|&is| f64::from(u8::from(is))).collect();
     let fields = VtkFields {
         point: vec![
-            field_of_points("domain", mesh.nodes()),
-            field_of_points("image", &remeshed.images),
-            scalar("on_boundary", on_boundary),
+            Field::positions("domain", mesh.nodes()),
+            Field::positions("image", &remeshed.images),
+            Field::scalar("on_boundary", on_boundary),
         ],
         cell: vec![
-            scalar("region", mesh.regions().iter().map(|&r| f64::from(r)).collect()),
-            scalar("scaled_jacobian", scaled_jacobians(mesh.cells(), positions)),
-            scalar(
+            Field::scalar("region", mesh.regions().iter().map(|&r| f64::from(r)).collect()),
+            Field::scalar("scaled_jacobian", scaled_jacobians(mesh.cells(), positions)),
+            Field::scalar(
                 "det_jacobian",
                 least_of_cells(mesh, &determinants(mesh.cells(), mesh.nodes(), &remeshed.images)),
             ),
-            scalar("inverted", inverted),
-            scalar("obstacle", obstacle),
+            Field::scalar("inverted", inverted),
+            Field::scalar("obstacle", obstacle),
         ],
         comment: origin.to_owned(),
     };

@@ -3,12 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
-use solidmap::Point;
-use solidmap::io::{self, Cells, Field, FieldFile, VtkEncoding, VtkFields};
+use solidmap::files;
+use solidmap::io::{self, Cells, Field, FieldFile, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::transfer::{FieldKind, FieldMesh, TransferField, push_forward};
-
-use super::input::extension;
 
 /// Names, in lower case, of fields of three components that are not pushed forward as vectors.
 const NOT_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
@@ -79,13 +77,7 @@ impl MeshWithFields {
             true => Cells::Triangles(&self.triangles),
             false => Cells::from(&self.carrier.cells),
         };
-        let points = &self.carrier.points;
-        if extension(path) == "vtk" {
-            io::write_vtk(path, points, cells, &fields, VtkEncoding::Binary)?;
-        } else {
-            io::write_vtu(path, points, cells, &fields)?;
-        }
-        Ok(())
+        Ok(files::write_fields(path, &self.carrier.points, cells, &fields)?)
     }
 }
 
@@ -96,22 +88,4 @@ pub fn fields_of(fields: &[TransferField]) -> impl Iterator<Item = Field> {
         components: field.components,
         values: field.values.clone(),
     })
-}
-
-/// A field of one component.
-pub fn scalar(name: &str, values: Vec<f64>) -> Field {
-    Field {
-        name: name.into(),
-        components: 1,
-        values,
-    }
-}
-
-/// A field of points.
-pub fn positions(name: &str, points: &[Point]) -> Field {
-    Field {
-        name: name.into(),
-        components: 3,
-        values: points.iter().flat_map(|p| [p.x, p.y, p.z]).collect(),
-    }
 }

@@ -6,7 +6,6 @@ pub mod carried_mesh_file;
 pub mod carried_mesh_picture;
 pub mod carried_mesh_report;
 pub mod chosen_map;
-pub mod density_file;
 pub mod exhausted_memory;
 pub mod fields;
 pub mod fitting;

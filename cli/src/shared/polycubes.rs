@@ -1,7 +1,6 @@
 //! Polycubes: the tetrahedra that they are made of, progress, and the lines of the summary.
 
 use std::cell::Cell;
-use std::collections::HashMap;
 use std::path::Path;
 
 use anyhow::Context;
@@ -39,17 +38,6 @@ pub fn model(path: &Path, output: &Output) -> anyhow::Result<Model> {
             Model { mesh, triangles }
         }
     })
-}
-
-/// The labels of triangles in another order. A triangle that has none gets 0.
-pub fn in_order_of(labels: &[([u32; 3], u8)], triangles: &[[u32; 3]]) -> Vec<u8> {
-    let sorted = |mut corners: [u32; 3]| {
-        corners.sort_unstable();
-        corners
-    };
-    let by_corners: HashMap<[u32; 3], u8> = labels.iter().map(|&(t, label)| (sorted(t), label)).collect();
-    let label = |t: &[u32; 3]| by_corners.get(&sorted(*t)).copied().unwrap_or_default();
-    triangles.iter().map(label).collect()
 }
 
 /// The model's own tetrahedra, or TetGen's.

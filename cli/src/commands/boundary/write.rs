@@ -2,14 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
-use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
-use solidmap::io::{self, Cells, VtkFields};
+use solidmap::io;
 
 use super::pictures;
 use crate::args::{BoundaryOutputs, UpKind};
-use crate::shared::fields::{positions, scalar};
 use crate::shared::input;
 use crate::shared::output::{Output, write_file};
 
@@ -48,7 +47,7 @@ pub fn outputs(
         files::write_boundary(path, &file)?;
     }
     if let Some(path) = &outputs.vtu {
-        write_fields(path, map)?;
+        files::write_boundary_fields(path, map)?;
     }
     if let Some(path) = &outputs.png {
         output.progress("drawing");
@@ -64,31 +63,4 @@ pub fn outputs(
     }
     io::write_surface(&outputs.output, &map.target())?;
     Ok(())
-}
-
-/// The domain with the image of each vertex and the distortion of each triangle.
-fn write_fields(path: &Path, map: &BoundaryMap) -> anyhow::Result<()> {
-    let domain = map.domain();
-    let distortions = triangle_distortions(domain, map.image());
-    let distortions = distortions.unwrap_or_else(|| vec![None; domain.triangles().len()]);
-    let per_triangle = |name: &str, of: fn(&TriangleDistortion) -> f64| {
-        scalar(
-            name,
-            distortions.iter().map(|d| d.as_ref().map_or(f64::NAN, of)).collect(),
-        )
-    };
-    let fields = VtkFields {
-        point: vec![positions("image", map.image())],
-        cell: vec![
-            per_triangle("area ratio", TriangleDistortion::area_ratio),
-            per_triangle("angle distortion", TriangleDistortion::angle),
-        ],
-        ..VtkFields::default()
-    };
-    Ok(io::write_vtu(
-        path,
-        domain.vertices(),
-        Cells::Triangles(domain.triangles()),
-        &fields,
-    )?)
 }

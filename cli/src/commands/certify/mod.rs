@@ -12,8 +12,9 @@ use solidmap::certificate::{
     Certificate, CertificateCell, CertificateOptions, CertificateReport, MirroredParts, StopReason, Verdict,
     VerdictTotals, certify,
 };
+use solidmap::files;
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
-use solidmap::io::{self, Cells, VtkFields};
+use solidmap::io::{Cells, VtkFields};
 use solidmap::mesh::SurfaceMesh;
 use solidmap::worst_places::{PlaceKind, WorstPlace};
 
@@ -21,7 +22,6 @@ use crate::CommandOutcome;
 use crate::args::{CertifyArgs, SectionArgs};
 use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange, significant};
 use crate::shared::chosen_map::{ChosenMap, MapName};
-use crate::shared::fields::scalar;
 use crate::shared::input;
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, peak_rss_bytes, two_columns, write_file};
@@ -121,35 +121,11 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome
 
 fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
     let (points, hexahedra) = certificate.hexahedra();
-    let field =
-        |name: &str, value: fn(&CertificateCell) -> f64| scalar(name, certificate.cells().iter().map(value).collect());
-    let cell = vec![
-        field("verdict", |leaf| match leaf.verdict {
-            Verdict::Positive => 1.0,
-            Verdict::Undecided => 0.0,
-            Verdict::Folded => -1.0,
-        }),
-        field("sigma_min_bound", |leaf| short(leaf.sigma_min)),
-        field("det_bound", |leaf| short(leaf.det_bound)),
-        field("det_centre", |leaf| short(leaf.det_centre)),
-        field("level", |leaf| f64::from(leaf.level)),
-        field("volume_inside", |leaf| leaf.volume),
-    ];
-    io::write_vtu(
-        path,
-        &points,
-        Cells::Hexes(&hexahedra),
-        &VtkFields {
-            cell,
-            ..VtkFields::default()
-        },
-    )?;
-    Ok(())
-}
-
-/// A number cut off to single precision, towards zero: a lower bound stays one, and the file is compressed better.
-fn short(x: f64) -> f64 {
-    f64::from_bits(x.to_bits() >> 29 << 29)
+    let fields = VtkFields {
+        cell: files::certificate_fields(certificate),
+        ..VtkFields::default()
+    };
+    Ok(files::write_fields(path, &points, Cells::Hexes(&hexahedra), &fields)?)
 }
 
 /// A certificate to be pictured.

@@ -3,12 +3,11 @@
 //! Every map is made in a process of its own, so that its peak memory can be measured, a mesher that crashes fails one
 //! map alone, and one that does not end can be ended.
 
+use std::ops::Deref;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use solidmap::compare::{BuildTimings, ComparedMethod, MapDifference, MeshSpec};
-use solidmap::energy::{DensityQuantiles, Determinants, DistortionMetrics, EnergyErrors};
-use solidmap::fit::BoundaryError;
+use solidmap::compare::{ComparedMethod, FrameTimings, MapFigures, MeshSpec};
 
 use crate::shared::input::BoundarySource;
 use crate::shared::stored_paths;
@@ -80,62 +79,45 @@ pub struct MethodRow {
     pub figures: Option<Figures>,
 }
 
+impl MethodRow {
+    pub fn map_figures(&self) -> Option<&MapFigures> {
+        self.figures.as_deref()
+    }
+}
+
 /// The figures of a map.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Figures {
-    pub seconds: BuildTimings,
+    #[serde(flatten)]
+    pub map: MapFigures,
     /// Peak memory of the process until the map is made and before it is measured, program and inputs included.
     pub peak_rss_bytes: u64,
-    /// Tetrahedra that the map is linear over, or that were carried to count inverted ones.
-    pub tets: Option<usize>,
-    pub inverted_tets: Option<usize>,
-    /// Unknowns per coordinate.
-    pub unknowns: usize,
-    pub iterations: Option<usize>,
-    pub boundary_error: BoundaryError,
-    /// Difference to the reference.
-    pub interior_difference: Option<MapDifference>,
-    /// With both solids at unit volume, as the deformation energy.
-    pub harmonic_energy: f64,
-    pub deformation_energy: f64,
-    /// Estimated errors of the energies.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub errors: Option<EnergyErrors>,
-    pub harmonic_density: DensityQuantiles,
-    pub min_det_jacobian: f64,
-    pub det_jacobian: Option<Determinants>,
-    /// Fraction of the volume where the map is folded.
-    pub folded_fraction: f64,
-    /// Means over the volume where the map is not folded, the target scaled to the domain's volume.
-    pub distortion: Option<DistortionMetrics>,
-    /// The same as computed by VOLMAP's program.
-    pub volmap: Option<DistortionMetrics>,
-    pub quadrature_points: usize,
-    /// What could not be measured.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub remarks: Vec<String>,
 }
 
-impl Figures {
-    /// Seconds to make the map, without evaluation.
-    pub fn total_seconds(&self) -> f64 {
-        self.seconds.mesh + self.seconds.factor + self.seconds.solve
+impl Deref for Figures {
+    type Target = MapFigures;
+
+    fn deref(&self) -> &MapFigures {
+        &self.map
     }
 }
 
 /// The figures of a sequence.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct SequenceFigures {
-    /// Meshing and factoring.
-    pub setup_seconds: f64,
-    /// For each frame, solved on its own.
-    pub frame_seconds: Vec<f64>,
-    /// All frames together: in a block, or each starting from the frame before.
-    pub together_seconds: f64,
-    pub boundary_error_p99: f64,
+    #[serde(flatten)]
+    pub timings: FrameTimings,
     /// Frames that could not be used, and why.
     pub skipped: Vec<String>,
     pub peak_rss_bytes: u64,
+}
+
+impl Deref for SequenceFigures {
+    type Target = FrameTimings;
+
+    fn deref(&self) -> &FrameTimings {
+        &self.timings
+    }
 }
 
 /// Files in the scratch folder.

@@ -16,7 +16,7 @@ use std::path::Path;
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMapError;
-use solidmap::compare::{ComparedMethod, MapDifference};
+use solidmap::compare::{ComparedMethod, MapDifference, Reference, outward};
 use solidmap::mesh::SurfaceMesh;
 
 use crate::CommandOutcome;
@@ -27,7 +27,6 @@ use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, describe};
 use job::{Figures, MethodRow, SequenceFigures};
 use runner::{Runner, methods_of};
-use worker::Reference;
 
 /// The results of a comparison.
 #[derive(Serialize)]
@@ -93,7 +92,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     let boundary = match source.read() {
         // The files can be read, but are no boundary map: every row says so.
         Err(error) if error.is::<BoundaryMapError>() => return none_possible(args, &error, output),
-        read => worker::outward(read?)?,
+        read => outward(read?)?,
     };
     require_solvable(boundary.domain(), source.domain())?;
     let _made = args.out.as_deref().map(MadeFolder::new).transpose()?;

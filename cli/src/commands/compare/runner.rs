@@ -1,28 +1,21 @@
 //! The jobs of a comparison, one at a time, since each uses all cores.
 
+use std::iter;
 use std::path::{Path, PathBuf};
 
-use solidmap::compare::{ComparedMethod, InteriorImages, MeshSpec, TetMesher, spread};
+use solidmap::compare::{
+    ComparedMethod, InteriorImages, MeshSpec, Reference, TetMesher, Variation, equal_accuracy, spread,
+};
 use solidmap::geometry::Axis;
 use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
 
 use super::job::{Figures, Job, MethodRow, SAMPLES, SECTION_IMAGES, SectionView, SequenceFigures, Task};
 use super::process;
-use super::worker::Reference;
 use super::{SequenceRow, Step, Study, StudyRun};
 use crate::args::{CompareArgs, Mesher};
 use crate::shared::input::BoundarySource;
 use crate::shared::output::Output;
-
-/// Refinements of the finite elements at most, each to about twice the tetrahedra.
-const MOST_REFINEMENTS: usize = 14;
-/// Tighter tolerances of mfs, as fractions of the one asked for.
-const TIGHTER: [f64; 2] = [0.5, 0.25];
-/// Radius-edge ratios of TetGen's meshes in the mesh study.
-const QUALITIES: [f64; 3] = [2.0, 1.414, 1.15];
-/// Source distances in the mesh study, over the sources' spacing.
-const ALPHAS: [f64; 4] = [0.8, 1.0, 1.25, 1.5];
 
 /// The methods asked for, in the order of tables.
 pub fn methods_of(args: &CompareArgs) -> impl Iterator<Item = ComparedMethod> + use<> {
@@ -168,62 +161,37 @@ impl Runner<'_> {
                 .warn("mfs has no difference to the reference that finite elements could reach");
             return Vec::new();
         };
-        let tolerance = self.args.measure.tolerance;
-        let at = |tolerance: f64| format!("tolerance {tolerance:.1e}");
-        let mut steps = vec![Step {
-            what: at(tolerance),
+        let base = self.variation(ComparedMethod::Mfs);
+        let mut number = 0;
+        let mut run = |varied: &Variation| {
+            number += 1;
+            let mut job = self.varied_job(varied, &format!("refined-{number}"));
+            job.reference = Some(self.reference_files());
+            self.figures(&job, &format!("{}, {}", varied.method.name(), varied.what))
+        };
+        let first = Step {
+            what: base.what.clone(),
             row: mfs.clone(),
-        }];
-        for factor in TIGHTER {
-            let mut job = self.refinement_job(ComparedMethod::Mfs, steps.len());
-            job.tolerance = factor * tolerance;
-            let what = at(job.tolerance);
-            let row = self.figures(&job, &format!("mfs, {what}"));
-            steps.push(Step { what, row });
-        }
-        for k in 0..MOST_REFINEMENTS {
-            let (what, spec) = self.finer_mesh(k);
-            let mut job = self.refinement_job(ComparedMethod::Fem, steps.len());
-            job.mesh = Some(spec);
-            let row = self.figures(&job, &format!("fem, {what}"));
-            let is_last = difference(&row).is_none_or(|rms| rms <= goal);
-            let tets = |row: &MethodRow| Some((row.name.clone(), row.figures.as_ref()?.tets));
-            if !is_last && steps.last().is_some_and(|before| tets(&before.row) == tets(&row)) {
-                continue;
-            }
-            steps.push(Step { what, row });
-            if is_last {
-                break;
-            }
-        }
-        steps
+        };
+        let refined = equal_accuracy(self.domain, &base, goal, &mut run, MethodRow::map_figures);
+        let refined = refined
+            .into_iter()
+            .map(|(Variation { what, .. }, row)| Step { what, row });
+        iter::once(first).chain(refined).collect()
     }
 
-    fn refinement_job(&self, method: ComparedMethod, number: usize) -> Job {
-        let mut job = self.job(Task::Method(method), &format!("refined-{number}"));
-        job.reference = Some(self.reference_files());
+    /// A method as it is run for the tables.
+    fn variation(&self, method: ComparedMethod) -> Variation {
+        Variation::of(method, self.args.measure.tolerance, self.mesh_spec())
+    }
+
+    fn varied_job(&self, varied: &Variation, name: &str) -> Job {
+        let mut job = self.job(Task::Method(varied.method), name);
+        job.tolerance = varied.tolerance;
+        job.alpha = varied.alpha;
+        job.mesh = Some(varied.mesh);
         job.section = None;
         job
-    }
-
-    /// The mesh of refinement `k`: coarse inside at first, then with edges so much shorter that the tetrahedra double.
-    /// A mesh keeps the triangles of the surface, which are cut when they are larger than the tetrahedra.
-    fn finer_mesh(&self, k: usize) -> (String, MeshSpec) {
-        let spec = self.mesh_spec();
-        if k == 0 {
-            let coarse = MeshSpec { edge: None, ..spec };
-            return ("as coarse as can be".into(), coarse);
-        }
-        let coarsest = MeshSpec::of(self.domain).edge.unwrap_or(0.1);
-        let edge = coarsest * 0.5f64.powf((k - 1) as f64 / 3.0);
-        let surface = 0.5 * coarsest;
-        let subdivisions = (surface / edge).log2().ceil().max(0.0) as u32;
-        let spec = MeshSpec {
-            subdivisions,
-            edge: Some(edge),
-            ..spec
-        };
-        (format!("edge {edge:.2e}"), spec)
     }
 
     /// Maps of the same boundary map on several meshes, and with several source distances.
@@ -231,43 +199,14 @@ impl Runner<'_> {
         if !self.args.mesh_study {
             return Vec::new();
         }
-        let on_meshes = |job: &mut Job, k: usize| {
-            let spec = self.mesh_spec();
-            let (spec, what) = match QUALITIES.get(k) {
-                Some(&quality) => (
-                    MeshSpec {
-                        source: TetMesher::Tetgen,
-                        quality,
-                        ..spec
-                    },
-                    format!("TetGen, quality {quality}"),
-                ),
-                None => (
-                    MeshSpec {
-                        source: TetMesher::Mesh3,
-                        ..spec
-                    },
-                    "Mesh_3".into(),
-                ),
-            };
-            job.mesh = Some(spec);
-            what
-        };
-        let with_sources = |job: &mut Job, k: usize| {
-            job.alpha = ALPHAS[k];
-            format!("sources at {} spacings", ALPHAS[k])
-        };
         self.methods()
             .filter(|method| method.is_prepared())
             .map(|method| {
-                let runs = (0..4).map(|k| {
-                    let mut job = self.job(Task::Method(method), &format!("study-{}-{k}", method.name()));
-                    job.section = None;
+                let varied = self.variation(method).study().into_iter().enumerate();
+                let runs = varied.map(|(k, varied)| {
+                    let mut job = self.varied_job(&varied, &format!("study-{}-{k}", method.name()));
                     job.reference = has_reference.then(|| self.reference_files());
-                    let what = match method {
-                        ComparedMethod::Mfs => with_sources(&mut job, k),
-                        _ => on_meshes(&mut job, k),
-                    };
+                    let what = varied.what;
                     let row = self.figures(&job, &format!("{}, {what}", method.name()));
                     let samples = row
                         .figures

@@ -53,7 +53,7 @@ pub fn verdict(steps: &[Step]) -> String {
     };
     let tets = at_goal(&|f| f.tets.unwrap_or(1) as f64);
     let (time, memory) = (
-        at_goal(&Figures::total_seconds),
+        at_goal(&|figures| figures.total_seconds()),
         at_goal(&|f| mebibytes(f.peak_rss_bytes)),
     );
     let solving = at_goal(&|f| f.total_seconds() - f.seconds.mesh);

@@ -5,14 +5,13 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use serde::Serialize;
 use solidmap::inverse::{InverseOptions, InverseReport, Preimage};
-use solidmap::io::{self, SolidMesh, VtkEncoding, VtkFields};
+use solidmap::io::{self, Field, SolidMesh, VtkEncoding, VtkFields};
 use solidmap::{Matrix3, Point};
 
 use super::JACOBIAN;
 use crate::CommandOutcome;
 use crate::args::EvalArgs;
 use crate::shared::chosen_map::{ChosenInverse, ChosenMap, MapName};
-use crate::shared::fields::scalar;
 use crate::shared::input::{self, extension};
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns};
@@ -163,7 +162,7 @@ fn write_preimages(
 fn write_mesh(path: &Path, solid: &SolidMesh, preimages: &[Preimage]) -> anyhow::Result<()> {
     let places: Vec<Point> = preimages.iter().map(|preimage| preimage.point).collect();
     let cells = solid.elements();
-    let field = |name: &str, value: fn(&Preimage) -> f64| scalar(name, preimages.iter().map(value).collect());
+    let field = |name: &str, value: fn(&Preimage) -> f64| Field::scalar(name, preimages.iter().map(value).collect());
     let fields = VtkFields {
         point: vec![
             field("status", status_number),

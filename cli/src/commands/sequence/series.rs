@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use solidmap::Point;
-use solidmap::io::{self, Cells, VtkFields};
+use solidmap::files;
+use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{CellMesh, SurfaceMesh};
 use solidmap::sequence::{FrameMeasurement, Sequence};
 
 use super::folder::{CELLS, MATERIAL, SURFACE, collection_name, frame_name};
-use crate::shared::density_file;
-use crate::shared::fields::{MeshWithFields, positions, scalar};
+use crate::shared::fields::MeshWithFields;
 
 /// The series of energies.
 pub struct Series {
@@ -68,11 +68,11 @@ impl Series {
             .map
             .bijective()
             .map(|made| CellMesh::from(made.map.domain().clone()));
-        density_file::write(&paths[0], &measured.quadrature, tets.as_ref(), &fields)?;
+        files::write_cell_means(&paths[0], &measured.quadrature, tets.as_ref(), &fields)?;
         let domain = sequence.domain();
         let fields = VtkFields {
-            point: vec![positions("reference", domain.vertices())],
-            cell: vec![scalar("deformation_energy", surface)],
+            point: vec![Field::positions("reference", domain.vertices())],
+            cell: vec![Field::scalar("deformation_energy", surface)],
             ..VtkFields::default()
         };
         io::write_vtu(&paths[1], image, Cells::Triangles(domain.triangles()), &fields)?;
@@ -119,7 +119,7 @@ impl Material {
     /// Writes the mesh as the map of a frame carries it; vectors are turned and stretched with the solid.
     pub fn add(&mut self, (frame, time): (usize, f64), map: &dyn VolumeMap) -> anyhow::Result<()> {
         let name = frame_name(frame);
-        let reference = positions("reference", &self.mesh.carrier.points);
+        let reference = Field::positions("reference", &self.mesh.carrier.points);
         self.mesh
             .carried(map)?
             .write_mesh(&self.folder.join(MATERIAL).join(&name), vec![reference])?;

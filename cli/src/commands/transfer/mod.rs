@@ -21,7 +21,7 @@ use solidmap::transfer::{FieldMesh, VolumeCheck, resample};
 use crate::CommandOutcome;
 use crate::args::TransferArgs;
 use crate::shared::chosen_map::{ChosenInverse, ChosenMap, MapName};
-use crate::shared::fields::{MeshWithFields, fields_of, scalar};
+use crate::shared::fields::{MeshWithFields, fields_of};
 use crate::shared::input;
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, write_file};
@@ -234,7 +234,8 @@ fn resampled(
 /// A table of points, or a mesh with fields.
 fn write(path: &Path, carried: &CarriedFields) -> anyhow::Result<()> {
     let preimages = carried.preimages.as_ref();
-    let status = preimages.map(|preimages| scalar(fields::STATUS, preimages.iter().map(status_number).collect()));
+    let status =
+        preimages.map(|preimages| Field::scalar(fields::STATUS, preimages.iter().map(status_number).collect()));
     let carrier = &carried.mesh.carrier;
     if is_table(path) {
         let fields: Vec<Field> = fields_of(&carrier.point_fields).chain(status).collect();
