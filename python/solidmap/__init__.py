@@ -16,12 +16,13 @@ defaults of the program's.
 
 from __future__ import annotations
 
+import os as _os
 import sys as _sys
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from . import _solidmap as _native
 from . import boundary, shapes
-from ._applications import Texture, compare, sequence, texture
+from ._applications import Texture, TextureVolume, compare, mesh_metrics, sequence, texture
 from ._errors import (
     CancelledError,
     FileError,
@@ -35,22 +36,11 @@ from ._errors import (
     TooLargeError,
     UnsupportedError,
 )
-from ._map import (
-    FOLDED,
-    NOT_FINITE,
-    NOT_FOUND,
-    OK,
-    OUTSIDE,
-    Densities,
-    Factor,
-    Map,
-    Preimages,
-    Transferred,
-    fit,
-    memory_estimate,
-)
+from ._fields import Transferred
+from ._fit import Factor, fit, memory_estimate
+from ._map import FOLDED, NOT_FINITE, NOT_FOUND, OK, OUTSIDE, Densities, Map, Preimages
 from ._meshes import CarriedMesh, Mesh, Surface, check, offset_surface, signed_distance, tetrahedralise
-from ._polycube import Hexmesh, Polycube, hexmesh, polycube
+from ._polycube import BestAttempt, Hexmesh, Polycube, hexmesh, polycube
 from ._reports import (
     BijectiveReport,
     BoundaryCheck,
@@ -69,6 +59,7 @@ from ._solidmap import HAS_NATIVE, LICENCE, __version__, set_threads, threads
 from .boundary import BoundaryMap
 
 __all__ = [
+    "BestAttempt",
     "BijectiveReport",
     "BoundaryCheck",
     "BoundaryMap",
@@ -108,6 +99,7 @@ __all__ = [
     "SolidmapError",
     "Surface",
     "Texture",
+    "TextureVolume",
     "TooLargeError",
     "Transferred",
     "UnsupportedError",
@@ -118,6 +110,7 @@ __all__ = [
     "fit",
     "hexmesh",
     "memory_estimate",
+    "mesh_metrics",
     "offset_surface",
     "polycube",
     "sequence",
@@ -142,6 +135,11 @@ module.serve_calls()
 # A crash of either must not end this process. Where Python is part of another program, it cannot be started again.
 if HAS_NATIVE and _sys.executable:
     _native.isolate(_sys.executable, ["-I", "-S", "-c", _WORKER.format(path=_native.__file__)])
+
+# What Dask sets for its workers (``distributed.nanny.pre-spawn-environ``): their allocator gives memory back at once, and
+# takes it again for each sum, which costs maps of some thousand vertices a third more time. Another number is a user's own.
+if "distributed" in _sys.modules and _os.environ.get("MALLOC_TRIM_THRESHOLD_") == "65536":
+    _native.keep_freed_memory()
 
 
 if _TYPE_CHECKING:

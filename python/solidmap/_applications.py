@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +14,12 @@ from . import _options as options
 from . import _solidmap as native
 from . import boundary as boundaries
 from ._errors import InvalidInputError, InvalidTypeError, SolidmapError
+from ._fields import Transferred, by_name, carrier, fields
 from ._inputs import CellsLike, PathLike, SurfaceLike
 from ._map import Map, _kind
 from ._meshes import Surface
 from ._progress import Progress, shown
-from ._reports import Comparison, SequenceReport, TextureReport
+from ._reports import Comparison, MeshMetrics, SequenceReport, TextureReport
 from .boundary import BoundaryMap
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def sequence(
     lame: Tuple[float, float] = (0.0335, 0.0224),
     own_volume: bool = False,
     close_holes: Optional[int] = None,
+    material: Any = None,
     fps: float = 1.0,
     frames_per_block: Optional[int] = None,
     progress: Progress = None,
@@ -83,6 +85,9 @@ def sequence(
         Scale each frame to the reference's volume first, so that change of size has no energy.
     close_holes : int, optional
         Close holes of the reference of up to so many edges, in all frames alike.
+    material : points, cells or path, optional
+        What each frame carries along, with its fields, as for :meth:`Map.transfer`: fibres, a mesh of organs. The report's
+        ``material`` has it for each frame.
     fps : float
         Frames per second.
     frames_per_block : int, optional
@@ -113,28 +118,33 @@ def sequence(
         surface = solid.cells.boundary()
     if not 0.0 < options.number("fps", fps) < float("inf"):
         raise InvalidInputError(f"fps is {fps}, but must be positive")
-    arguments = {
-        "map": options.choice("map", map, ["harmonic", "bijective"]),
-        "effort": options.number("effort", effort),
-        "resolution": options.count("resolution", resolution),
-        "energy_tolerance": options.number("energy_tolerance", energy_tolerance),
-        "lame": options.lame(lame),
-        "own_volume": options.flag("own_volume", own_volume),
-        "close_holes": options.optional(options.count, "close_holes", close_holes),
-        "frames_per_block": options.optional(options.count, "frames_per_block", frames_per_block, 1),
-    }
-    of_method = options.method(dict(method), "sequence", tolerance)
+    of_method, arguments = _sequence_options(
+        tolerance=tolerance,
+        map=map,
+        effort=effort,
+        resolution=resolution,
+        energy_tolerance=energy_tolerance,
+        lame=lame,
+        own_volume=own_volume,
+        close_holes=close_holes,
+        frames_per_block=frames_per_block,
+        **method,
+    )
     tets = solid.cells if solid.cells is not None and solid.cells.cells.shape[1] == 4 else None
+    moving = None if material is None else _material(material)
     rows: List[Dict[str, Any]] = []
+    carried: List[Any] = []
     with shown(progress) as callback:
         prepared = native.Sequence(surface, of_method, arguments, tets, callback)
         for block in _frames_in_blocks(frames, prepared.frames_per_block):
-            rows.extend(_block(prepared, surface, block, fps, callback))
+            measured, moved = _block(prepared, surface, block, fps, callback, moving)
+            rows.extend(measured)
+            carried.extend(moved)
     energies = [row["deformation_energy"] for row in rows]
     cycles, no_cycles = prepared.cycles([float("nan") if energy is None else energy for energy in energies])
     allowed = of_method["tolerance"]
     is_met = all(row["boundary_error"] is None or row["boundary_error"]["p99"] <= allowed for row in rows)
-    return SequenceReport(
+    report = SequenceReport(
         {
             **json.loads(prepared.report_json),
             "frames": rows,
@@ -146,6 +156,45 @@ def sequence(
             "warnings": prepared.warnings,
         }
     )
+    report.material = None if material is None else carried
+    return report
+
+
+def _sequence_options(
+    *,
+    tolerance: float,
+    map: MapKind,
+    effort: float,
+    resolution: int,
+    energy_tolerance: float,
+    lame: Tuple[float, float],
+    own_volume: bool,
+    close_holes: Optional[int],
+    frames_per_block: Optional[int],
+    **method: Any,
+) -> Tuple[Dict[str, Any], Dict[str, Any]]:
+    """The options of the method and those of the sequence, for the native module."""
+    arguments = {
+        "map": options.choice("map", map, ["harmonic", "bijective"]),
+        "effort": options.number("effort", effort),
+        "resolution": options.count("resolution", resolution),
+        "energy_tolerance": options.number("energy_tolerance", energy_tolerance),
+        "lame": options.lame(lame),
+        "own_volume": options.flag("own_volume", own_volume),
+        "close_holes": options.optional(options.count, "close_holes", close_holes),
+        "frames_per_block": options.optional(options.count, "frames_per_block", frames_per_block, 1),
+    }
+    return options.method(method, "sequence", tolerance), arguments
+
+
+def _material(material: Any) -> Dict[str, Any]:
+    points, cells, over_points, over_cells = carrier(material, "material")
+    return {
+        "points": points,
+        "cells": cells,
+        "point_fields": fields(over_points, (), (), len(points), "the points of material"),
+        "cell_fields": fields(over_cells, (), (), 0 if cells is None else len(cells), "the cells of material"),
+    }
 
 
 _NOT_MEASURED = {
@@ -162,22 +211,73 @@ _NOT_MEASURED = {
 
 
 def _block(
-    prepared: native.Sequence, reference: native.Surface, block: List[Tuple[int, Any]], fps: float, callback: Any
-) -> List[Dict[str, Any]]:
+    prepared: native.Sequence,
+    reference: native.Surface,
+    block: List[Tuple[int, Any]],
+    fps: float,
+    callback: Any,
+    material: Optional[Dict[str, Any]] = None,
+) -> Tuple[List[Dict[str, Any]], List[Optional[Transferred]]]:
+    """The rows of frames, and the material in each."""
     rows, surfaces, usable = [], [], []
-    for frame, value in block:
+    moved: List[Optional[Transferred]] = [None] * len(block)
+    for index, (frame, value) in enumerate(block):
         file = os.fspath(value) if inputs.is_path(value) else None
         row = {"frame": frame, "time": frame / fps, "file": file, **_NOT_MEASURED}
         try:
             surfaces.append(_frame(value, reference))
-            usable.append(row)
+            usable.append((index, row))
         except SolidmapError as error:
             row["skipped"] = str(error)
         rows.append(row)
     if usable:
-        for row, found in zip(usable, json.loads(prepared.measure(surfaces, callback))):
+        report, carried = prepared.measure(surfaces, material, callback)
+        for (index, row), found, parts in zip(usable, json.loads(report), carried):
             row.update(found)
-    return rows
+            if parts is not None and material is not None:
+                points, over_points, over_cells = parts
+                fields = dict(by_name(over_points)), dict(by_name(over_cells))
+                moved[index] = Transferred(points, material["cells"], *fields, None, None)
+    return rows, moved
+
+
+class TextureVolume(NamedTuple):
+    """Colours of voxels, as :meth:`Texture.volume` samples them.
+
+    Attributes
+    ----------
+    origin : ndarray, shape (3,)
+        Centre of the first voxel.
+    spacing : float
+        Side of a voxel.
+    rgba : ndarray of uint8, shape (nz, ny, nx, 4)
+        8-bit sRGB, and 255 in the solid or 0, with black, outside.
+    inside : int
+        Voxels in the solid.
+    """
+
+    origin: NDArray[np.float64]
+    spacing: float
+    rgba: NDArray[np.uint8]
+    inside: int
+
+    def save(self, path: PathLike) -> None:
+        """Write the volume (.vti), the same as the program's, for ParaView."""
+        file = inputs.path("path", path)
+        if not file.lower().endswith(".vti"):
+            raise InvalidInputError(f"path is {file!r}, but must end in .vti")
+        native.write_volume(file, self.origin.tolist(), self.spacing, np.ascontiguousarray(self.rgba))
+
+    def to_pyvista(self) -> Any:
+        """The voxels as cells of a ``pyvista.ImageData``, with ``rgba``."""
+        import pyvista
+
+        size = np.array(self.rgba.shape[2::-1])
+        grid = pyvista.ImageData(
+            dimensions=size + 1, spacing=[self.spacing] * 3, origin=self.origin - 0.5 * self.spacing
+        )
+        grid.cell_data["rgba"] = self.rgba.reshape(-1, 4)
+        return grid
 
 
 class Texture:
@@ -243,6 +343,57 @@ class Texture:
             raise InvalidTypeError(f"through is of type {type(through).__name__}, but must be a Map")
         colours, has_colour = self._texture.colours(array, None if through is None else through._map, _kind(map))
         return colours.reshape(*shape, 3), has_colour.reshape(shape)
+
+    def volume(
+        self,
+        *,
+        resolution: int = 128,
+        through: Optional[Map] = None,
+        map: Optional[MapKind] = None,
+        progress: Progress = None,
+    ) -> TextureVolume:
+        """The colours of voxels over the solid's box.
+
+        Parameters
+        ----------
+        resolution : int
+            Voxels along the longest side.
+        through : Map, optional
+            A map whose domain is the solid: the volume is then that of its target, each voxel with the colour of its
+            preimage.
+        map : {"harmonic", "bijective"}, optional
+            Which map of ``through`` to use.
+        progress : bool or callable, optional
+            As for :func:`solidmap.check`.
+
+        Returns
+        -------
+        TextureVolume
+
+        Examples
+        --------
+        >>> import solidmap
+        >>> ball = solidmap.shapes.sphere(levels=2)
+        >>> made = solidmap.texture(ball, colours=(ball.points + 1) / 2, sources=100)
+        >>> made.volume(resolution=8).rgba.shape
+        (8, 8, 8, 4)
+        """
+        if through is not None and not isinstance(through, Map):
+            raise InvalidTypeError(f"through is of type {type(through).__name__}, but must be a Map")
+        with shown(progress) as callback:
+            origin, spacing, rgba, inside = self._texture.volume(
+                options.count("resolution", resolution, 1),
+                None if through is None else through._map,
+                _kind(map),
+                callback,
+            )
+        return TextureVolume(np.array(origin), spacing, rgba, inside)
+
+    def plot(self, *, clip: Any = "y", **options: Any) -> Any:
+        """Draw the solid, cut open; see :func:`solidmap.plot.texture`."""
+        from . import plot
+
+        return plot.texture(self, clip=clip, **options)
 
     def __repr__(self) -> str:
         return repr(self.report.fit)
@@ -364,12 +515,16 @@ def compare(
     seed: int = 1,
     max_tets: int = 5_000_000,
     memory: Optional[Size] = None,
+    no_reference: bool = False,
+    equal_accuracy: bool = False,
+    mesh_study: bool = False,
+    frames: Iterable[Any] = (),
     progress: Progress = None,
 ) -> Comparison:
     """Extend one boundary map by several methods, and measure all maps alike.
 
-    The program's ``compare`` runs each method in a process of its own and compares with a finer reference; here they run one
-    after the other, and ``interior_difference`` is from the map of the first method.
+    The program's ``compare`` runs each method in a process of its own, and so has their peak memory and a limit on their
+    time; here they run one after the other in this process.
 
     Parameters
     ----------
@@ -399,6 +554,14 @@ def compare(
         Largest number of tetrahedra, estimated before they are made.
     memory : int or str, optional
         Limit on the memory of ``mfs``.
+    no_reference : bool
+        Leave out the reference, a map by ``mfs`` on a finer surface, and the ``interior_difference`` of all maps to it.
+    equal_accuracy : bool
+        Refine the finite elements until their difference to the reference inside is no larger than that of ``mfs``.
+    mesh_study : bool
+        Also map on four meshes, and by ``mfs`` with four source distances, to see how much maps depend on these choices.
+    frames : iterable of array_like, surfaces or paths
+        Images of the domain, as the frames of a sequence: also measure the time that each frame takes.
     progress : bool or callable, optional
         As for :func:`solidmap.check`.
 
@@ -410,6 +573,8 @@ def compare(
     >>> found = solidmap.compare(boundary, methods=["mfs", "mean_value"], resolution=8, interior=100)
     >>> [row.name for row in found.methods], found["mfs"].folded_fraction
     (['mfs', 'mean_value'], 0.0)
+    >>> found["mfs"].interior_difference["rms"] < 1e-3
+    True
     """
     if inputs.is_path(boundary):
         given = native.Boundary.read(inputs.path("boundary", boundary))
@@ -429,7 +594,34 @@ def compare(
         "seed": options.count("seed", seed),
         "max_tets": options.count("max_tets", max_tets),
         "memory": options.optional(options.size, "memory", memory),
+        "no_reference": options.flag("no_reference", no_reference),
+        "equal_accuracy": options.flag("equal_accuracy", equal_accuracy),
+        "mesh_study": options.flag("mesh_study", mesh_study),
     }
+    if equal_accuracy and (no_reference or "mfs" not in arguments["methods"]):
+        raise InvalidInputError(
+            "equal_accuracy compares finite elements with mfs: it needs mfs among methods, and a reference"
+        )
     own = None if mesh is None else inputs.cells("mesh", mesh)
+    images = [_frame(frame, given.domain) for frame in frames]
     with shown(progress) as callback:
-        return Comparison({"methods": json.loads(native.compare(given, arguments, own, callback))})
+        return Comparison._read(native.compare(given, arguments, own, images, callback))
+
+
+def mesh_metrics(domain: CellsLike, image: CellsLike) -> MeshMetrics:
+    """The metrics of VOLMAP's program for the map from one mesh of tetrahedra to another (``solidmap compare --metrics``).
+
+    Parameters
+    ----------
+    domain, image : tetrahedra
+        Meshes of the same tetrahedra in the same order.
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> tet = solidmap.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    >>> found = solidmap.mesh_metrics(tet, (2 * tet.points, tet.cells))
+    >>> found.tets, found.inverted
+    (1, 0)
+    """
+    return MeshMetrics._read(native.mesh_metrics(inputs.cells("domain", domain), inputs.cells("image", image)))

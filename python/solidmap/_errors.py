@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class SolidmapError(Exception):
     """Base of all errors that solidmap raises itself."""
@@ -29,6 +31,9 @@ class UnsupportedError(SolidmapError, RuntimeError):
 
 class NumericalError(SolidmapError, RuntimeError):
     """No result was found: a system without a solution, a mesh that could not be repaired."""
+
+    #: What :func:`solidmap.polycube` ended with, as a :class:`solidmap.BestAttempt`.
+    best_attempt: Any = None
 
 
 # The other way round, its ``__new__`` would refuse it, which what sends exceptions between processes may call.

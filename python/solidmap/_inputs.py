@@ -46,6 +46,14 @@ def path(name: str, value: Any) -> str:
     return found
 
 
+def fields_path(name: str, value: Any) -> str:
+    """The name of a file for fields."""
+    found = path(name, value)
+    if not found.lower().endswith((".vtu", ".vtk")):
+        raise InvalidInputError(f"{name} is {found!r}, but must end in .vtu or .vtk")
+    return found
+
+
 def array_of(name: str, value: Any) -> NDArray[Any]:
     """Any array, or an error that names the argument."""
     try:
@@ -75,6 +83,26 @@ def points(name: str, value: ArrayLike) -> Tuple[NDArray[np.float64], Tuple[int,
         # ``[]`` and the like have no coordinates that could be counted.
         return np.empty((0, 3)), shape[:-1] or (0,)
     raise InvalidInputError(f"{name} has the shape {shape}, but must be (..., 3)")
+
+
+def is_dask_array(value: Any) -> bool:
+    """Whether a value is an array of Dask's."""
+    return type(value).__module__.startswith("dask.array") and hasattr(value, "map_blocks")
+
+
+def by_blocks(name: str, points: Any, call: Any, axes: int, **settings: Any) -> Any:
+    """A Dask array of what a call, which has ``axes`` more axes of three entries, returns for each block of points."""
+    if points.ndim == 0 or points.shape[-1] != 3:
+        raise InvalidInputError(f"{name} has the shape {points.shape}, but must be (..., 3)")
+    whole = points.rechunk({points.ndim - 1: 3})
+    return whole.map_blocks(
+        call,
+        dtype=np.float64,
+        meta=np.empty((0,) * (whole.ndim + axes)),
+        new_axis=list(range(whole.ndim, whole.ndim + axes)) or None,
+        chunks=(*whole.chunks, *((3,),) * axes),
+        **settings,
+    )
 
 
 def rows_of_points(name: str, value: ArrayLike) -> NDArray[np.float64]:

@@ -1,21 +1,21 @@
-"""Fitted maps, and factors of domains that serve many of them."""
+"""Fitted maps, and what is done with them."""
 
 from __future__ import annotations
 
 import json
-import math
-import time
-from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import _fields as carriers
 from . import _inputs as inputs
 from . import _options as options
 from . import _solidmap as native
 from . import boundary as boundaries
 from ._errors import InvalidInputError, InvalidTypeError, UnsupportedError
-from ._inputs import CellsLike, PathLike, SurfaceLike
+from ._fields import Transferred
+from ._inputs import CellsLike, PathLike
 from ._meshes import CarriedMesh, Mesh, Surface
 from ._progress import Progress, shown
 from ._reports import (
@@ -28,13 +28,13 @@ from ._reports import (
     TransferReport,
     WorstPlace,
 )
-from ._text import Rows, significant, table, two_columns
+from ._text import Rows, table, two_columns
 from .boundary import BoundaryMap
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from ._options import CellKind, MapKind, Method, MethodOptions, Placement, RepairOptions, Size, Up, Via
+    from ._options import CellKind, MapKind, RepairOptions, Size
 
 
 class Preimages(NamedTuple):
@@ -72,50 +72,6 @@ class Densities(NamedTuple):
     harmonic: NDArray[np.float64]
     deformation: NDArray[np.float64]
     det_jacobian: NDArray[np.float64]
-
-
-class Transferred(NamedTuple):
-    """Fields at points of the target, as :meth:`Map.transfer` carries them.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n, 3)
-        Images of the given points, or the points of ``at``.
-    cells : ndarray or None
-        Cells between them, as given.
-    point_data, cell_data : dict
-        The fields, by name.
-    status : ndarray of uint8 or None
-        With ``at``: what was found for each point, as :attr:`Preimages.status`.
-    report : TransferReport
-        What was carried, with checks of volumes and distributions.
-    """
-
-    points: NDArray[np.float64]
-    cells: Optional[NDArray[np.uint32]]
-    point_data: Dict[str, NDArray[np.float64]]
-    cell_data: Dict[str, NDArray[np.float64]]
-    status: Optional[NDArray[np.uint8]]
-    report: TransferReport
-
-    def to_mesh(self) -> Mesh:
-        """The points, cells and fields as a mesh."""
-        if self.cells is None or self.cells.shape[1] == 3:
-            raise UnsupportedError("the fields lie on points without cells between them")
-        mesh = Mesh(self.points, self.cells)
-        mesh.point_data, mesh.cell_data = dict(self.point_data), dict(self.cell_data)
-        return mesh
-
-    def to_pyvista(self) -> Any:
-        """The same for pyvista: a grid, or points without cells."""
-        if self.cells is not None and self.cells.shape[1] != 3:
-            return self.to_mesh().to_pyvista()
-        import pyvista
-
-        cloud = pyvista.PolyData(self.points)
-        for name, values in self.point_data.items():
-            cloud.point_data[name] = values
-        return cloud
 
 
 def _kind(value: Optional[str]) -> Optional[str]:
@@ -178,7 +134,8 @@ class Map:
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            The points; doubles in C order are not copied. Outside of the domain values of the map mean nothing.
+            The points; doubles in C order are not copied. Outside of the domain values of the map mean nothing. Those in a
+            Dask array are mapped block by block when the result, a Dask array too, is computed.
         map : {"harmonic", "bijective"}, optional
             Which map to use.
 
@@ -186,6 +143,8 @@ class Map:
         -------
         ndarray, shape (..., 3)
         """
+        if not isinstance(points, np.ndarray) and inputs.is_dask_array(points):
+            return cast("NDArray[np.float64]", inputs.by_blocks("points", points, self, 0, map=map))
         array, shape = inputs.points("points", points)
         images = self._map.evaluate(array, _kind(map))
         return images if len(shape) == 1 else images.reshape(*shape, 3)
@@ -196,7 +155,7 @@ class Map:
         Parameters
         ----------
         points : array_like, shape (..., 3)
-            The points.
+            The points; a Dask array gives a Dask array.
         map : {"harmonic", "bijective"}, optional
             Which map to use.
 
@@ -212,6 +171,8 @@ class Map:
         >>> bool(np.allclose(f.jacobian([0, 0, 0]), np.diag([2, 1, 1]), atol=1e-2))
         True
         """
+        if not isinstance(points, np.ndarray) and inputs.is_dask_array(points):
+            return cast("NDArray[np.float64]", inputs.by_blocks("points", points, self.jacobian, 1, map=map))
         array, shape = inputs.points("points", points)
         found = self._map.jacobian(array, _kind(map))
         return found if len(shape) == 1 else found.reshape(*shape, 3, 3)
@@ -276,6 +237,7 @@ class Map:
         no_normalize: bool = False,
         lame: Tuple[float, float] = (0.0335, 0.0224),
         worst: int = 5,
+        vtu: Optional[PathLike] = None,
         map: Optional[MapKind] = None,
         progress: Progress = None,
     ) -> EnergyReport:
@@ -295,6 +257,8 @@ class Map:
             Lamé constants of the deformation energy.
         worst : int
             How many of the worst places are listed.
+        vtu : path, optional
+            Write the densities, and the target's distance field pulled back by the map, cell by cell (.vtu or .vtk).
         map : {"harmonic", "bijective"}, optional
             Which map to use.
         progress : bool or callable, optional
@@ -311,7 +275,8 @@ class Map:
         arguments = _energy_arguments(resolution, energy_tolerance, no_normalize, lame, worst)
         over = None if mesh is None else inputs.cells("mesh", mesh)
         with shown(progress) as callback:
-            return EnergyReport._read(native.energy(self._map, arguments, over, _kind(map), callback))
+            file = options.optional(inputs.fields_path, "vtu", vtu)
+            return EnergyReport._read(native.energy(self._map, arguments, over, _kind(map), file, callback))
 
     def densities(
         self,
@@ -367,6 +332,7 @@ class Map:
         max_cells: int = 1_000_000,
         undecided: float = 0.0,
         worst: int = 5,
+        cells: bool = False,
         map: Optional[MapKind] = None,
         progress: Progress = None,
     ) -> CertificateReport:
@@ -382,6 +348,9 @@ class Map:
             Stop when at most this fraction of the volume is undecided.
         worst : int
             How many of the worst places are listed.
+        cells : bool
+            Also keep the cells, as ``mesh`` of the report: hexahedra with ``verdict`` (1 regular, 0 undecided, -1 folded) and
+            the bounds as ``cell_data``, to save or :func:`plot <solidmap.plot.certificate>`.
         map : {"harmonic", "bijective"}, optional
             Which map to use; of a bijective one, all tetrahedra and the boundary are checked again.
         progress : bool or callable, optional
@@ -395,14 +364,21 @@ class Map:
         >>> proof.folded["cells"], proof.positive["fraction"] > 0.9
         (0, True)
         """
-        numbers = (
+        numbers: Tuple[int, int, float, int] = (
             options.count("finest", finest),
             options.count("max_cells", max_cells),
             options.number("undecided", undecided),
             options.count("worst", worst),
         )
         with shown(progress) as callback:
-            return CertificateReport._read(native.certificate(self._map, *numbers, _kind(map), callback))
+            report, found = native.certificate(
+                self._map, *numbers, options.flag("cells", cells), _kind(map), callback
+            )
+        made = CertificateReport._read(report)
+        if found is not None:
+            made.mesh = Mesh._of(found[0])
+            made.mesh.cell_data.update(found[1])
+        return made
 
     def remesh(
         self,
@@ -573,7 +549,7 @@ class Map:
         >>> bool(np.allclose(carried.point_data["v"], [[2, 0, 0]], atol=0.01)), carried.point_data["t"].tolist()
         (True, [7.0])
         """
-        points, cells, over_points, over_cells = _carrier(field)
+        points, cells, over_points, over_cells = carriers.carrier(field)
         over_points.update({name: np.asarray(values) for name, values in (fields or {}).items()})
         over_cells.update({name: np.asarray(values) for name, values in (cell_fields or {}).items()})
         if points is None and not distance:
@@ -585,11 +561,12 @@ class Map:
                 raise InvalidInputError(f"there is no field {name!r}; the fields are {names}")
         if not names and not distance:
             raise InvalidInputError("there are no fields to carry; give them as fields=, or ask for distance=True")
+        rows, cell_rows = (0 if each is None else len(each) for each in (points, cells))
         arguments = {
             "points": points,
             "cells": cells,
-            "point_fields": _fields(over_points, label, plain_vectors, 0 if points is None else len(points), "fields"),
-            "cell_fields": _fields(over_cells, label, plain_vectors, 0 if cells is None else len(cells), "cell_fields"),
+            "point_fields": carriers.fields(over_points, label, plain_vectors, rows, "fields"),
+            "cell_fields": carriers.fields(over_cells, label, plain_vectors, cell_rows, "cell_fields"),
             "at": None if at is None else inputs.rows_of_points("at", at),
             "distance": options.flag("distance", distance),
             "resolution": options.count("resolution", resolution),
@@ -599,8 +576,29 @@ class Map:
                 self._map, arguments, _kind(map), callback
             )
         return Transferred(
-            images, found, _by_name(point_data), _by_name(cell_data), status, TransferReport._read(report)
+            images, found, carriers.by_name(point_data), carriers.by_name(cell_data), status, TransferReport._read(report)
         )
+
+    def save_fields(self, path: PathLike, *, map: Optional[MapKind] = None) -> None:
+        """Write the domain's surface with the image of each vertex, by the boundary map and by the map, and their distance.
+
+        Parameters
+        ----------
+        path : path
+            The file, .vtu or .vtk, for ParaView.
+        map : {"harmonic", "bijective"}, optional
+            Which map to use.
+
+        Examples
+        --------
+        >>> import os, tempfile, solidmap
+        >>> ball = solidmap.shapes.sphere(levels=2)
+        >>> name = os.path.join(tempfile.mkdtemp(), "fit.vtu")
+        >>> solidmap.fit(ball, images=ball.points).save_fields(name)
+        >>> os.path.exists(name)
+        True
+        """
+        self._map.write_fields(inputs.fields_path("path", path), _kind(map))
 
     def worst_places(self, worst: int = 5) -> List[WorstPlace]:
         """Where the boundary error is largest."""
@@ -710,373 +708,3 @@ def _energy_arguments(
         "lame": options.lame(lame),
         "worst": options.count("worst", worst),
     }
-
-
-def _by_name(found: List[Tuple[str, int, NDArray[np.float64]]]) -> Dict[str, NDArray[np.float64]]:
-    return {name: values if columns == 1 else values.reshape(-1, columns) for name, columns, values in found}
-
-
-def _carrier(field: Any) -> Tuple[Any, Any, Dict[str, Any], Dict[str, Any]]:
-    """Points, cells, and fields over both, of what carries fields."""
-    if field is None:
-        return None, None, {}, {}
-    if inputs.is_path(field):
-        points, cells, over_points, over_cells = native.read_fields(inputs.path("field", field))
-        if cells is not None and cells.shape[1] == 3:
-            cells = None
-        return points, cells, dict(_by_name(over_points)), dict(_by_name(over_cells))
-    if inputs._is_cells(field):
-        mesh = inputs.cells("field", field)
-        of_points, blocks = getattr(field, "point_data", {}), getattr(field, "cell_data", {})
-        of_cells = {}
-        for name in blocks.keys():
-            values = blocks[name]
-            # meshio has a list with an array for each block of cells.
-            of_cells[str(name)] = np.concatenate(values) if isinstance(values, list) else np.asarray(values)
-        return mesh.points, mesh.cells, {str(k): np.asarray(of_points[k]) for k in of_points.keys()}, of_cells
-    if hasattr(field, "points") and hasattr(field, "point_data"):
-        data = {str(name): np.asarray(field.point_data[name]) for name in field.point_data.keys()}
-        return inputs.rows_of_points("the points of field", field.points), None, data, {}
-    return inputs.rows_of_points("field", field), None, {}, {}
-
-
-#: Names of fields of three components that are not pushed forward as vectors.
-_NOT_VECTORS = ("rgb", "color", "colors", "colour", "colours", "normal", "normals")
-
-
-def _fields(
-    given: Dict[str, Any], label: Sequence[str], plain_vectors: Union[bool, Sequence[str]], rows: int, argument: str
-) -> List[Tuple[str, int, NDArray[np.float64], str]]:
-    found = []
-    for name, values in given.items():
-        array = inputs.real_array(f"{argument}[{name!r}]", values)
-        if array.ndim not in (1, 2) or len(array) != rows:
-            raise InvalidInputError(f"{argument}[{name!r}] has the shape {array.shape}, but must have {rows} rows")
-        columns = 1 if array.ndim == 1 else array.shape[1]
-        is_plain = plain_vectors is True or (not isinstance(plain_vectors, bool) and name in plain_vectors)
-        if name in label:
-            kind = "label"
-        elif columns == 3 and not is_plain and name.lower() not in _NOT_VECTORS:
-            kind = "vector"
-        else:
-            kind = "values"
-        found.append((name, columns, np.require(array.ravel(), np.float64, ["C", "A"]), kind))
-    return found
-
-
-def fit(
-    surface: Optional[SurfaceLike] = None,
-    *,
-    images: Any = None,
-    boundary: Union[BoundaryMap, PathLike, None] = None,
-    target: Optional[SurfaceLike] = None,
-    tolerance: float = 1e-3,
-    max_error: float = 20.0,
-    max_local_error: float = math.inf,
-    bijective: bool = False,
-    landmarks: Any = None,
-    landmarks_weight: Optional[float] = None,
-    landmark_curves: Union[PathLike, Sequence[Tuple[Sequence[int], Sequence[int]]]] = (),
-    start: Optional[BoundaryMap] = None,
-    domain_up: Optional[Up] = None,
-    target_up: Optional[Up] = None,
-    max_stretched: float = 0.0075,
-    via: Via = "targets",
-    aligned: bool = False,
-    no_improve: bool = False,
-    paper: bool = False,
-    placement: Optional[Placement] = None,
-    alpha: Optional[float] = None,
-    offset: Optional[float] = None,
-    radius: Optional[float] = None,
-    s_ratio: Optional[float] = None,
-    c_ratio: Optional[float] = None,
-    max_sources: Optional[int] = None,
-    max_s_ratio: Optional[float] = None,
-    memory: Optional[Size] = None,
-    method: Optional[Method] = None,
-    truncation: Optional[float] = None,
-    no_affine: bool = False,
-    no_refine: bool = False,
-    held_out: int = 20_000,
-    seed: int = 1,
-    progress: Progress = None,
-    time_limit: Optional[float] = None,
-) -> Map:
-    """Fit the harmonic map of a solid to a map of its boundary.
-
-    One of ``images``, ``boundary`` and ``target`` says where the boundary goes. Options have the names and defaults of
-    ``solidmap fit``.
-
-    Parameters
-    ----------
-    surface : surface, optional
-        The boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra. May be left out with ``boundary``.
-    images : array_like, shape (n, 3), surface or path, optional
-        The image of every vertex; or the same mesh with its vertices at their images; or a text file with lines
-        ``node x y z``.
-    boundary : BoundaryMap or path, optional
-        A boundary map, which says where every point goes and not only the vertices.
-    target : surface or "sphere", optional
-        Solid without handles to map onto: the boundary map is made first.
-    tolerance : float
-        Boundary error to reach over 99 % of the area, as a fraction of the target's diagonal. Sources are added where it
-        is larger; if it cannot be reached, the best map is returned, and its ``tolerance_met`` is ``False``.
-    max_error : float
-        Largest boundary error to reach anywhere, as a multiple of ``tolerance``.
-    max_local_error : float
-        Largest boundary error to reach anywhere, as a multiple of the spacing of the image's vertices around.
-    bijective : bool
-        Also make the one-to-one map (:meth:`Map.make_bijective`), over the tetrahedra of ``surface`` if it has any.
-    landmarks, landmarks_weight, landmark_curves, start, domain_up, target_up, max_stretched, via, aligned, no_improve
-        With ``target``: as for :func:`solidmap.boundary.pair`.
-    paper : bool
-        Start from the settings of Li et al. 2007.
-    placement : {"adaptive", "offset", "sphere"}, optional
-        Where the sources are placed.
-    alpha, offset, radius : float, optional
-        Their distance: over their local spacing; over the domain's diagonal; radius of a sphere over the diagonal.
-    s_ratio, c_ratio : float, optional
-        Sources, and collocation points, per boundary vertex.
-    max_sources : int, optional
-        Largest number of sources, refinement included.
-    max_s_ratio : float, optional
-        Largest number of sources after refinement, per boundary vertex.
-    memory : int or str, optional
-        Limit on the memory, such as ``"4GiB"``; 9/10 of what is available by default.
-    method : {"schwarz", "dense", "svd"}, optional
-        Solver of the least-squares system.
-    truncation : float, optional
-        Dense methods: singular values or pivots below this fraction of the largest count as zero.
-    no_affine : bool
-        Leave the affine functions out of the basis.
-    no_refine : bool
-        Do not add sources where the tolerance is missed.
-    held_out : int
-        Number of boundary points at which the error is measured.
-    seed : int
-        Seed of all random choices.
-    progress : bool or callable, optional
-        As for :func:`solidmap.check`.
-    time_limit : float, optional
-        Seconds after which the best map so far is returned, once there is one.
-
-    Returns
-    -------
-    Map
-
-    Examples
-    --------
-    >>> import solidmap
-    >>> ball = solidmap.shapes.sphere(levels=3)
-    >>> f = solidmap.fit(ball, images=ball.points * [2, 1, 1])
-    >>> f.tolerance_met, f.report.boundary_error.p99 < 1e-3
-    (True, True)
-    """
-    method_options: Dict[str, Any] = {name: value for name, value in locals().items() if name in options.METHOD_DEFAULTS}
-    arguments = options.method(method_options, "fit", tolerance, max_error, max_local_error)
-    pair_options = boundaries._pair_arguments(
-        landmarks,
-        landmarks_weight,
-        landmark_curves,
-        domain_up,
-        target_up,
-        max_stretched,
-        via,
-        aligned,
-        no_improve,
-        0,
-    )
-    limit = options.optional(options.seconds, "time_limit", time_limit)
-    given = [name for name, value in (("images", images), ("boundary", boundary), ("target", target)) if value is not None]
-    if len(given) != 1:
-        raise InvalidInputError(
-            f"give one of images, boundary and target, to say where the boundary goes; {' and '.join(given) or 'none'} "
-            f"{'are' if len(given) > 1 else 'is'} given"
-        )
-    onto_sphere = isinstance(target, str) and target == "sphere"
-    if given != ["target"] or onto_sphere:
-        for name, value in (("landmarks", landmarks), ("start", start), ("domain_up", domain_up)):
-            if value is not None:
-                raise InvalidInputError(f"{name} says how a solid is mapped to another: it needs target=MODEL")
-    if surface is None and boundary is None:
-        raise InvalidInputError("surface is missing; it may only be left out with boundary")
-    start_of_work = time.perf_counter()
-    found, roles = _boundary(
-        surface, images, boundary, target, onto_sphere, pair_options, start, progress, limit and 0.5 * limit
-    )
-    if limit is not None:
-        limit = max(0.0, limit - (time.perf_counter() - start_of_work))
-    with shown(progress) as callback:
-        fitted, is_met = native.fit(found, arguments, roles, callback, limit)
-    made = Map._of(fitted, is_met)
-    if not options.flag("bijective", bijective):
-        return made
-    solid = None if surface is None else inputs.solid("surface", surface).cells
-    tets = solid if solid is not None and solid.cells.shape[1] == 4 else None
-    return made.make_bijective(mesh=tets, memory=memory, progress=progress)
-
-
-def _boundary(
-    surface: Optional[SurfaceLike],
-    images: Any,
-    boundary: Any,
-    target: Any,
-    onto_sphere: bool,
-    pair_options: Dict[str, Any],
-    start: Optional[BoundaryMap],
-    progress: Progress,
-    limit: Optional[float],
-) -> Tuple[native.Boundary, boundaries.Roles]:
-    """The boundary map to fit, and the files that it is from, by their roles."""
-    if boundary is not None:
-        file = inputs.path("boundary", boundary) if inputs.is_path(boundary) else None
-        if file is None and not isinstance(boundary, BoundaryMap):
-            raise InvalidTypeError(f"boundary is of type {type(boundary).__name__}, but must be a BoundaryMap or a path")
-        found = native.Boundary.read(file) if file is not None else boundary._boundary
-        roles: boundaries.Roles = [] if file is None else [("boundary", file)]
-        if surface is not None:
-            domain = inputs.surface("surface", surface)
-            found = found.over(domain.surface)
-            roles = roles if domain.path is None else [("domain", domain.path), *roles]
-        return found, roles
-    if inputs.is_path(surface) and inputs.is_path(images):
-        names = (inputs.path("surface", surface), inputs.path("images", images))
-        return native.Boundary.read_between(*names), list(zip(("domain", "image"), names))
-    domain = inputs.surface("surface", surface)
-    roles = [] if domain.path is None else [("domain", domain.path)]
-    if images is not None:
-        return BoundaryMap(domain.surface, images)._boundary, roles
-    if onto_sphere:
-        return boundaries._sphere(domain.surface, "balanced", "progressive", roles, progress, limit)._boundary, roles
-    onto = inputs.surface("target", target)
-    roles = roles if onto.path is None else [*roles, ("target", onto.path)]
-    roles.extend(boundaries._files(pair_options))
-    made = boundaries._pair(domain.surface, onto.surface, pair_options, start, roles, progress, limit)
-    return made._boundary, roles
-
-
-class Factor:
-    """A domain, factored once for any number of boundary maps.
-
-    Parameters
-    ----------
-    surface : surface
-        The boundary of the solid.
-    refined_for : array_like or BoundaryMap, optional
-        Images of the vertices, or a boundary map, for which sources are added until the tolerance is met.
-    tolerance, max_error, max_local_error : float
-        As for :func:`solidmap.fit`.
-    progress : bool or callable, optional
-        As for :func:`solidmap.check`.
-    **method
-        Options of the method, as for :func:`solidmap.fit`.
-
-    Examples
-    --------
-    >>> import numpy as np, solidmap
-    >>> ball = solidmap.shapes.sphere(levels=2)
-    >>> factor = solidmap.Factor(ball)
-    >>> frames = np.stack([ball.points * [1 + 0.1 * k, 1, 1] for k in range(3)])
-    >>> [round(float(f([0.5, 0, 0])[0]), 2) for f in factor.solve_many(frames)]
-    [0.5, 0.55, 0.6]
-    """
-
-    def __init__(
-        self,
-        surface: SurfaceLike,
-        *,
-        refined_for: Any = None,
-        tolerance: float = 1e-3,
-        max_error: float = 20.0,
-        max_local_error: float = math.inf,
-        progress: Progress = None,
-        **method: Unpack[MethodOptions],
-    ) -> None:
-        self._settings: Dict[str, Any] = {
-            "tolerance": tolerance,
-            "max_error": max_error,
-            "max_local_error": max_local_error,
-            **method,
-        }
-        arguments = options.method(dict(method), "Factor", tolerance, max_error, max_local_error)
-        self._domain = inputs.surface("surface", surface).surface
-        self._refined_for = refined_for
-        first = None if refined_for is None else self._boundary_map("refined_for", refined_for)
-        with shown(progress) as callback:
-            self._factor = native.Factor(self._domain, arguments, first, callback)
-
-    def _boundary_map(self, name: str, images: Any) -> native.Boundary:
-        if isinstance(images, BoundaryMap):
-            return images._boundary
-        given = inputs.images_or_surface(name, images, self._domain)
-        if isinstance(given, np.ndarray):
-            return native.Boundary(self._domain, given)
-        return native.Boundary.between(self._domain, given)
-
-    @property
-    def domain(self) -> Surface:
-        """The domain."""
-        return Surface._of(self._domain)
-
-    @property
-    def warnings(self) -> List[str]:
-        """What is unusual about the domain, and how it was repaired."""
-        return self._factor.warnings
-
-    def solve(self, images: Any, *, progress: Progress = None) -> Map:
-        """The map for one boundary map: images of the vertices, a surface with the same faces, or a :class:`BoundaryMap`."""
-        boundary = self._boundary_map("images", images)
-        with shown(progress) as callback:
-            return Map._of(*self._factor.solve(boundary, callback))
-
-    def solve_many(self, frames: ArrayLike, *, progress: Progress = None) -> List[Map]:
-        """The maps for several frames together, ``(k, n, 3)`` images of the vertices.
-
-        Each kernel value is computed once for all, which takes less time than one after the other, and more memory.
-        """
-        array = inputs.real_array("frames", frames)
-        if array.size == 0:
-            return []
-        if array.ndim != 3:
-            raise InvalidInputError(f"frames has the shape {array.shape}, but must be (k, n, 3)")
-        if not np.isfinite(array).all():
-            frame = int(np.argmin(np.isfinite(array).all(axis=(1, 2))))
-            raise InvalidInputError(f"frames[{frame}] has coordinates that are not finite")
-        with shown(progress) as callback:
-            return [Map._of(*found) for found in self._factor.solve_many(array, callback)]
-
-    def __repr__(self) -> str:
-        domain = self._domain
-        rows = [("factor", f"of {len(domain.vertices)} vertices, {len(domain.triangles)} triangles")]
-        rows.append(("tolerance", significant(self._settings["tolerance"])))
-        return two_columns(rows)
-
-    def __reduce__(self) -> Any:
-        # The system is large, and is factored again where it arrives.
-        return _restored_factor, (self.domain, self._refined_for, self._settings)
-
-
-def _restored_factor(domain: Surface, refined_for: Any, settings: Dict[str, Any]) -> Factor:
-    return Factor(domain, refined_for=refined_for, **settings)
-
-
-def memory_estimate(surface: SurfaceLike, **method: Unpack[MethodOptions]) -> int:
-    """Bytes that a fit of a domain needs at the start, by an estimate: refinement needs more.
-
-    Parameters
-    ----------
-    surface : surface
-        The boundary of the solid.
-    **method
-        Options of the method, as for :func:`solidmap.fit`.
-
-    Examples
-    --------
-    >>> import solidmap
-    >>> small, large = solidmap.shapes.sphere(levels=2), solidmap.shapes.sphere(levels=4)
-    >>> solidmap.memory_estimate(small) < solidmap.memory_estimate(large)
-    True
-    """
-    arguments = options.method(dict(method), "memory_estimate")
-    return native.fit_memory(inputs.surface("surface", surface).surface, arguments)

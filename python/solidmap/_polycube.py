@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, Dict, Optional, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from . import _inputs as inputs
 from . import _options as options
 from . import _solidmap as native
-from ._errors import InvalidInputError
+from ._errors import InvalidInputError, NumericalError
+from ._inputs import PathLike
 from ._map import Map
 from ._meshes import CarriedMesh, Mesh, Surface
 from ._progress import Progress, shown
@@ -47,12 +48,67 @@ class Polycube:
         self.image_tets: Mesh = Mesh._of(image_tets)
         self.labels: NDArray[np.uint8] = found.labels
         self.report = PolycubeReport._read(found.report_json)
+        self._given_labels = found.given_labels
+
+    def labels_of(self, triangles: ArrayLike) -> NDArray[np.uint8]:
+        """The labels of the model's own triangles, for ``polycube(model, labels=...)``.
+
+        Parameters
+        ----------
+        triangles : array_like of integers, shape (k, 3)
+            Triangles of the model's surface, by its vertices; of a mesh of tetrahedra by its nodes. Those that are none of
+            the boundary have the label 0.
+
+        Returns
+        -------
+        ndarray of uint8, shape (k,)
+        """
+        asked = np.sort(inputs.indices("triangles", triangles, (3,)), axis=1)
+        known, labels = self._given_labels
+        of = dict(zip(map(tuple, np.sort(known, axis=1).tolist()), labels.tolist()))
+        return np.array([of.get(tuple(corners), 0) for corners in asked.tolist()], np.uint8)
+
+    def save_labels(self, path: PathLike, triangles: Optional[ArrayLike] = None) -> None:
+        """Write labels, one a line, which ``labels=`` and the program take: of ``triangles``, as for :meth:`labels_of`, or of
+        those of :attr:`surface`."""
+        labels = self.labels if triangles is None else self.labels_of(triangles)
+        native.write_labels(inputs.path("path", path), labels)
 
     def __repr__(self) -> str:
         return repr(self.report)
 
     def _repr_html_(self) -> str:
         return self.report._repr_html_()
+
+
+class BestAttempt:
+    """How far an attempt at a polycube came: ``best_attempt`` of the :class:`NumericalError` that says that none was found.
+
+    Attributes
+    ----------
+    polycube, model : Mesh
+        The tetrahedra as they were given up, and those of the model. Both have as ``cell_data`` whether a cell is ``bad``
+        (inverted, or at a triangle that faces against its direction or passes through another), and the ``label`` of its
+        boundary triangle, -1 inside.
+    report : PolycubeReport
+        What was done.
+    places : list of dict
+        Connected groups of bad tetrahedra, the largest first.
+    """
+
+    def __init__(
+        self, polycube: native.Cells, model: native.Cells, fields: List[Tuple[str, NDArray[np.float64]]], report: str
+    ) -> None:
+        self.polycube: Mesh = Mesh._of(polycube)
+        self.model: Mesh = Mesh._of(model)
+        for mesh in (self.polycube, self.model):
+            mesh.cell_data.update(fields)
+        found = json.loads(report)
+        self.report = PolycubeReport(found["report"])
+        self.places: List[Dict[str, Any]] = found["places"]
+
+    def __repr__(self) -> str:
+        return two_columns([*self.report._rows(), ("bad places", str(len(self.places)))])
 
 
 class Hexmesh:
@@ -106,7 +162,7 @@ def polycube(
     smoothness: float = 0.02,
     orient: Orient = "given",
     lattice: Optional[float] = None,
-    labels: Optional[ArrayLike] = None,
+    labels: Union[ArrayLike, PathLike, None] = None,
     progress: Progress = None,
 ) -> Polycube:
     """Make a polycube of a model of any genus, for :func:`solidmap.fit` and :meth:`Map.remesh`.
@@ -121,7 +177,7 @@ def polycube(
         How the model is turned first.
     lattice : float, optional
         Put the planes of the polycube on a lattice with cells of this size.
-    labels : array_like of integers, shape (m,), optional
+    labels : array_like of integers, shape (m,), or path, optional
         Use these directions of the model's triangles instead of seeking some: 0 to 5 for -x, +x, -y, +y, -z, +z.
     progress : bool or callable, optional
         As for :func:`solidmap.check`.
@@ -129,7 +185,7 @@ def polycube(
     Raises
     ------
     NumericalError
-        If no polycube was found.
+        If no polycube was found; it has a ``best_attempt`` where one came to tetrahedra.
 
     Examples
     --------
@@ -138,6 +194,9 @@ def polycube(
     >>> made = solidmap.polycube(ball)  # doctest: +NATIVE
     >>> made.report.inverted, len(made.labels) == len(made.surface.faces)  # doctest: +NATIVE
     (0, True)
+    >>> again = solidmap.polycube(ball, labels=made.labels_of(ball.faces))  # doctest: +NATIVE
+    >>> again.report.charts == made.report.charts  # doctest: +NATIVE
+    True
     """
     surface, cells, _ = _model(model)
     arguments: Dict[str, Any] = {
@@ -153,6 +212,8 @@ def polycube(
         else:
             assert cells is not None
             triangles = _boundary_triangles(cells)
+        if inputs.is_path(labels):
+            labels = native.read_labels(inputs.path("labels", labels), len(triangles))
         numbers = inputs.array_of("labels", labels)
         if numbers.dtype.kind not in "iu" or numbers.shape != (len(triangles),):
             raise InvalidInputError(
@@ -163,7 +224,13 @@ def polycube(
             raise InvalidInputError("labels must be from 0 to 5, for -x, +x, -y, +y, -z, +z")
         given = (triangles, np.require(numbers, np.uint8, ["C", "A"]))
     with shown(progress) as callback:
-        return Polycube(native.polycube_of(surface, cells, arguments, given, callback))
+        made, best = native.polycube_of(surface, cells, arguments, given, callback)
+    if made is None:
+        assert best is not None
+        error = NumericalError(best[0])
+        error.best_attempt = BestAttempt(*best[1:])
+        raise error
+    return Polycube(made)
 
 
 def _boundary_triangles(cells: native.Cells) -> NDArray[np.uint32]:

@@ -427,6 +427,17 @@ class CertificateReport(Report):
     target_problems: Optional[List[str]]
     boundary_checked: Optional[bool]
     one_to_one: Optional[bool]
+    #: The cells as a :class:`solidmap.Mesh`, where they were asked for.
+    mesh: Any
+
+    def plot(self, *, clip: Any = "y", **options: Any) -> Any:
+        """Draw what is proved, with ``cells=True`` of the call; see :func:`solidmap.plot.certificate`."""
+        from . import plot
+
+        return plot.certificate(self, clip=clip, **options)
+
+    def __reduce__(self) -> Any:
+        return _restored_certificate, (self._data, self.mesh)
 
     def _rows(self) -> Rows:
         if self.map_kind == "bijective":
@@ -438,6 +449,12 @@ class CertificateReport(Report):
             rows.append((name, f"{percent(totals['fraction'])} of the volume, {totals['cells']} cells"))
         rows.append(("locally one to one", "proved" if self.locally_one_to_one else "not proved"))
         return rows
+
+
+def _restored_certificate(data: Dict[str, Any], mesh: Any) -> CertificateReport:
+    made = CertificateReport(data)
+    made.mesh = mesh
+    return made
 
 
 class InverseReport(Report):
@@ -683,6 +700,17 @@ class SequenceReport(Report):
     cycles: Optional[Dict[str, float]]
     no_cycles: Optional[str]
     warnings: List[str]
+    #: The material in each frame, as a :class:`solidmap.Transferred` without a report, ``None`` where a frame was skipped.
+    material: Any
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the deformation energy over time; see :func:`solidmap.plot.sequence`."""
+        from . import plot
+
+        return plot.sequence(self, **options)
+
+    def __reduce__(self) -> Any:
+        return _restored_sequence, (self._data, self.material)
 
     @property
     def energies(self) -> List[float]:
@@ -708,10 +736,17 @@ class SequenceReport(Report):
         return rows
 
 
+def _restored_sequence(data: Dict[str, Any], material: Any) -> SequenceReport:
+    made = SequenceReport(data)
+    made.material = material
+    return made
+
+
 class ComparedMap(Report):
     """Figures of a map by one method."""
 
     name: str
+    what: Optional[str]
     error: Optional[str]
     seconds: Optional[Dict[str, float]]
     total_seconds: Optional[float]
@@ -725,6 +760,7 @@ class ComparedMap(Report):
     deformation_energy: Optional[float]
     errors: Optional[Dict[str, Any]]
     harmonic_density: Optional[Dict[str, float]]
+    min_det_jacobian: Optional[float]
     det_jacobian: Optional[Dict[str, Any]]
     folded_fraction: Optional[float]
     distortion: Optional[Dict[str, float]]
@@ -733,10 +769,57 @@ class ComparedMap(Report):
     remarks: Optional[List[str]]
 
 
+class ReferenceReport(Report):
+    """The map that others are compared with inside, and how accurate it is."""
+
+    description: str
+    boundary_error: BoundaryError
+    difference_to_coarser: Dict[str, float]
+    sources: int
+    seconds: float
+
+
+class MeshStudy(Report):
+    """Maps by one method on several meshes, or with sources at several distances, and how far they are apart."""
+
+    method: str
+    runs: List[ComparedMap]
+    spread: Optional[Dict[str, float]]
+
+
+class TimedFrames(Report):
+    """The time that the frames of a sequence take by one method."""
+
+    method: str
+    error: Optional[str]
+    setup_seconds: Optional[float]
+    frame_seconds: Optional[List[float]]
+    together_seconds: Optional[float]
+    boundary_error_p99: Optional[float]
+    skipped: List[str]
+
+
+class MeshMetrics(Report):
+    """The metrics of VOLMAP's program for a map from mesh to mesh."""
+
+    tets: int
+    inverted: int
+    conformal: Optional[Dict[str, float]]
+    dirichlet: Optional[Dict[str, float]]
+    symmetric_dirichlet: Optional[Dict[str, float]]
+    arap: Optional[Dict[str, float]]
+    mips: Optional[Dict[str, float]]
+    radius_ratio: Optional[Dict[str, float]]
+
+
 class Comparison(Report):
     """Maps of one boundary map by several methods, measured alike."""
 
+    reference: Optional[ReferenceReport]
     methods: List[ComparedMap]
+    equal_accuracy: List[ComparedMap]
+    mesh_study: List[MeshStudy]
+    sequence: List[TimedFrames]
 
     def __getitem__(self, name: str) -> ComparedMap:
         for row in self.methods:

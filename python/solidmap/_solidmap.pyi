@@ -11,6 +11,7 @@ __all__ = [
     "boundary_pair",
     "boundary_sphere",
     "compare",
+    "mesh_metrics",
     "Factor",
     "fit",
     "fit_memory",
@@ -31,15 +32,19 @@ __all__ = [
     "Polycube",
     "hexmesh",
     "polycube_of",
+    "read_labels",
+    "write_labels",
     "CarriedMesh",
     "carry",
     "with_bijective",
+    "keep_freed_memory",
     "set_threads",
     "threads",
     "Sequence",
     "Texture",
     "read_textured_surface",
     "texture",
+    "write_volume",
     "read_fields",
     "transfer",
     "__version__",
@@ -61,6 +66,7 @@ _Field = Tuple[str, int, _Floats]
 
 def set_threads(threads: int) -> None: ...
 def threads() -> int: ...
+def keep_freed_memory() -> None: ...
 def isolate(program: _Path, arguments: List[str]) -> None: ...
 def serve_calls() -> None: ...
 
@@ -134,6 +140,7 @@ class Boundary:
     @staticmethod
     def read(path: _Path) -> Boundary: ...
     def write(self, path: _Path) -> None: ...
+    def write_fields(self, path: _Path) -> None: ...
     def over(self, domain: Surface) -> Boundary: ...
     @property
     def domain(self) -> Surface: ...
@@ -220,6 +227,7 @@ class Map:
     @property
     def bijective_json(self) -> Optional[str]: ...
     def bijective_tets(self) -> Tuple[Cells, Cells]: ...
+    def write_fields(self, path: _Path, map: Optional[str] = None) -> None: ...
     def worst_places(self, most: int) -> str: ...
 
 def energy(
@@ -227,6 +235,7 @@ def energy(
     arguments: _Options,
     mesh: Optional[Cells] = None,
     kind: Optional[str] = None,
+    vtu: Optional[_Path] = None,
     progress: _Progress = None,
 ) -> str: ...
 def energy_densities(
@@ -245,9 +254,10 @@ def certificate(
     max_cells: int,
     undecided: float,
     worst: int,
+    with_cells: bool,
     kind: Optional[str] = None,
     progress: _Progress = None,
-) -> str: ...
+) -> Tuple[str, Optional[Tuple[Cells, List[Tuple[str, _Floats]]]]]: ...
 
 @final
 class CarriedMesh:
@@ -273,6 +283,8 @@ class Polycube:
     @property
     def labels(self) -> NDArray[np.uint8]: ...
     @property
+    def given_labels(self) -> Tuple[_Indices, NDArray[np.uint8]]: ...
+    @property
     def report_json(self) -> str: ...
 
 def polycube_of(
@@ -281,7 +293,9 @@ def polycube_of(
     arguments: _Options,
     labels: Optional[Tuple[_Indices, NDArray[np.uint8]]] = None,
     progress: _Progress = None,
-) -> Polycube: ...
+) -> Tuple[Optional[Polycube], Optional[Tuple[str, Cells, Cells, List[Tuple[str, _Floats]], str]]]: ...
+def read_labels(path: _Path, triangles: int) -> NDArray[np.uint8]: ...
+def write_labels(path: _Path, labels: NDArray[np.uint8]) -> None: ...
 
 @final
 class Hexmesh:
@@ -316,7 +330,9 @@ class Sequence:
     def warnings(self) -> List[str]: ...
     @property
     def report_json(self) -> str: ...
-    def measure(self, frames: List[Surface], progress: _Progress = None) -> str: ...
+    def measure(
+        self, frames: List[Surface], material: Optional[_Options] = None, progress: _Progress = None
+    ) -> Tuple[str, List[Optional[Tuple[_Floats, List[_Field], List[_Field]]]]]: ...
     def cycles(self, energies: List[float]) -> Tuple[Optional[str], Optional[str]]: ...
 
 @final
@@ -331,6 +347,9 @@ class Texture:
     def colours(
         self, points: _Floats, through: Optional[Map] = None, kind: Optional[str] = None
     ) -> Tuple[NDArray[np.uint8], NDArray[np.bool_]]: ...
+    def volume(
+        self, resolution: int, through: Optional[Map] = None, kind: Optional[str] = None, progress: _Progress = None
+    ) -> Tuple[List[float], float, NDArray[np.uint8], int]: ...
 
 def texture(
     surface: Surface,
@@ -341,6 +360,12 @@ def texture(
     colours: Optional[_Floats] = None,
     progress: _Progress = None,
 ) -> Texture: ...
+def write_volume(path: _Path, origin: _Sequence[float], spacing: float, rgba: NDArray[np.uint8]) -> None: ...
 def compare(
-    boundary: Boundary, arguments: _Options, mesh: Optional[Cells] = None, progress: _Progress = None
+    boundary: Boundary,
+    arguments: _Options,
+    mesh: Optional[Cells] = None,
+    frames: Optional[List[Surface]] = None,
+    progress: _Progress = None,
 ) -> str: ...
+def mesh_metrics(domain: Cells, image: Cells) -> str: ...

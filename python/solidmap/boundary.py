@@ -87,6 +87,19 @@ class BoundaryMap:
         """
         self._boundary.write(inputs.path("path", path))
 
+    def save_fields(self, path: PathLike) -> None:
+        """Write the domain with the image of each vertex and the distortion of each triangle (.vtu or .vtk), for ParaView.
+
+        Examples
+        --------
+        >>> import solidmap, tempfile, os
+        >>> name = os.path.join(tempfile.mkdtemp(), "boundary.vtu")
+        >>> solidmap.boundary.sphere(solidmap.shapes.cube(1.0, 4)).save_fields(name)
+        >>> os.path.exists(name)
+        True
+        """
+        self._boundary.write_fields(inputs.fields_path("path", path))
+
     @property
     def domain(self) -> Surface:
         """The surface that is mapped."""

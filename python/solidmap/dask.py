@@ -1,7 +1,7 @@
 """Many maps on a cluster of Dask (extra ``dask``).
 
 Maps, boundary maps, factors and reports pickle, so that ``client.map(solidmap.fit, surfaces, images=...)`` and
-``dask.array.map_blocks(f, points)`` work as they are. The functions here are for runs of thousands of cases: each case has
+``f(points)`` with an array of Dask's work as they are. The functions here are for runs of thousands of cases: each case has
 one row, written as it ends; a case that fails has a row with the reason; a run that was stopped goes on where it was.
 
 Dask's own deployments start the workers: ``LocalCluster`` here, ``dask_jobqueue.SLURMCluster`` on Slurm,
@@ -25,9 +25,10 @@ from . import _inputs as inputs
 from . import _options as options
 from . import _solidmap as native
 from ._applications import compare
+from ._applications import sequence as alone
 from ._errors import InvalidInputError, SolidmapError, UnsupportedError
+from ._fit import fit
 from ._inputs import PathLike
-from ._map import fit
 from .boundary import BoundaryMap
 
 if TYPE_CHECKING:
@@ -70,6 +71,11 @@ class _Rows:
         self._file: Any = None
         if self.folder is None:
             return
+        if self.table == "parquet":
+            try:
+                import pyarrow.parquet  # noqa: F401
+            except ImportError:
+                raise UnsupportedError('table="parquet" needs pyarrow: pip install pyarrow') from None
         os.makedirs(self.folder, exist_ok=True)
         name = os.path.join(self.folder, "rows.jsonl")
         whole = 0
@@ -114,9 +120,12 @@ class _Rows:
         names: List[str] = list(dict.fromkeys(name for row in flat for name in row))
         target = os.path.join(self.folder, f"rows.{self.table}")
         if self.table == "parquet":
-            import pandas
+            import pyarrow
+            from pyarrow import parquet
 
-            pandas.DataFrame(flat, columns=names).to_parquet(target)
+            columns = {name: [row.get(name) for row in flat] for name in names}
+            parquet.write_table(pyarrow.table(columns), target + ".part")
+            os.replace(target + ".part", target)
             return self.rows
         with open(target + ".part", "w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, names)
@@ -285,7 +294,7 @@ def fit_many(
     save_maps : bool
         Write the maps; the workers have to see the folder.
     table : {"csv", "parquet"}
-        The table that is written at the end, beside ``rows.jsonl``; parquet needs pandas and pyarrow.
+        The table that is written at the end, beside ``rows.jsonl``; parquet needs pyarrow.
     retry_failed : bool
         Do cases again whose rows say that they failed.
     on_row : callable, optional
@@ -325,13 +334,16 @@ def fit_many(
     return rows.close(_run(client, rows, tasks(), on_row))
 
 
-def _compare_case(_: Optional[int], settings: Dict[str, Any]) -> Row:
+def _compare_case(limit: Optional[int], settings: Dict[str, Any]) -> Row:
     settings = dict(settings)
+    if limit is not None and settings.get("memory") is None:
+        settings["memory"] = limit
     boundary, surface, images = (settings.pop(name, None) for name in ("boundary", "surface", "images"))
     if boundary is None:
         boundary = BoundaryMap(surface, images)
-    found = compare(boundary, **settings)
-    return {"methods": {row.name: {k: v for k, v in row.as_dict().items() if k != "name"} for row in found.methods}}
+    found = compare(boundary, **settings).as_dict()
+    found["methods"] = {row.pop("name"): row for row in found["methods"]}
+    return found
 
 
 def compare_many(
@@ -359,7 +371,7 @@ def compare_many(
     Returns
     -------
     list of dict
-        A row for each case, with its figures by method in ``methods``.
+        A row for each case: the report of the comparison, with the figures by method in ``methods``.
     """
     client = _client(client)
     rows = _Rows(output, table)
@@ -402,7 +414,7 @@ def _frames_case(
         prepared, surface, lock = _prepared[key]
     with lock:
         block = [(first + index, frame) for index, frame in enumerate(frames)]
-        found = applications._block(prepared, surface, block, settings["fps"], None)
+        found, _ = applications._block(prepared, surface, block, settings["fps"], None)
     return {"frames": found}
 
 
@@ -417,15 +429,7 @@ def sequence(
     retry_failed: bool = False,
     fps: float = 1.0,
     on_row: Optional[Callable[[Row], Any]] = None,
-    tolerance: float = 1e-3,
-    map: str = "harmonic",
-    effort: float = 2000.0,
-    resolution: int = 48,
-    energy_tolerance: float = 0.01,
-    lame: Tuple[float, float] = (0.0335, 0.0224),
-    own_volume: bool = False,
-    close_holes: Optional[int] = None,
-    **method: Any,
+    **settings: Any,
 ) -> List[Row]:
     """Measure the frames of a long sequence, block by block, on the workers of a cluster.
 
@@ -442,8 +446,10 @@ def sequence(
         As for :func:`fit_many`, with a row for each block in ``rows.jsonl``.
     frames_per_block : int
         Frames that are one task.
-    fps, tolerance, map, effort, resolution, energy_tolerance, lame, own_volume, close_holes, **method
-        As for :func:`solidmap.sequence`.
+    fps : float
+        Frames per second.
+    **settings
+        More arguments of :func:`solidmap.sequence`, but ``material``, which the rows have no place for.
 
     Returns
     -------
@@ -452,23 +458,13 @@ def sequence(
     """
     client = _client(client)
     size = options.count("frames_per_block", frames_per_block, 1)
-    settings = {
-        "fps": options.number("fps", fps),
-        "method": options.method(method, "sequence", tolerance),
-        "arguments": {
-            "map": options.choice("map", map, ["harmonic", "bijective"]),
-            "effort": options.number("effort", effort),
-            "resolution": options.count("resolution", resolution),
-            "energy_tolerance": options.number("energy_tolerance", energy_tolerance),
-            "lame": options.lame(lame),
-            "own_volume": options.flag("own_volume", own_volume),
-            "close_holes": options.optional(options.count, "close_holes", close_holes),
-            "frames_per_block": size,
-        },
-    }
+    not_here = ("material", "progress", "fps")
+    defaults = {name: value for name, value in (alone.__kwdefaults__ or {}).items() if name not in not_here}
+    method, arguments = applications._sequence_options(**{**defaults, **settings, "frames_per_block": size})
+    shared_settings = {"fps": options.number("fps", fps), "method": method, "arguments": arguments}
     # Sent to each worker once, and not with each block.
     shared = reference if inputs.is_path(reference) else client.scatter(reference, broadcast=True)
-    key = f"{os.getpid()}-{id(settings)}-{time.time_ns()}"
+    key = f"{os.getpid()}-{id(shared_settings)}-{time.time_ns()}"
     rows = _Rows(output, table)
     if retry_failed:
         rows.keep(lambda row: row["error"] is None)
@@ -479,7 +475,7 @@ def sequence(
             name = f"block {block[0][0]}"
             sizes[name] = len(block)
             given = [_portable(frame) if inputs.is_path(frame) else np.asarray(frame) for _, frame in block]
-            yield name, _frames_case, (key, shared, settings, block[0][0], given)
+            yield name, _frames_case, (key, shared, shared_settings, block[0][0], given)
 
     blocks = rows.close(_run(client, rows, tasks(), on_row))
     found: List[Row] = []

@@ -1,4 +1,6 @@
-"""Pictures of maps, meshes and boundary maps (extra ``plot``: pyvista, and matplotlib for histograms).
+"""Pictures of maps, meshes, boundary maps, certificates, textures and sequences.
+
+They need the extra ``plot``: pyvista, and matplotlib for curves and histograms.
 
 Each function returns a ``pyvista.Plotter`` that shows itself: call its ``show()``, or its ``screenshot(file)`` with
 ``off_screen=True``. In notebooks pyvista draws it where it is shown.
@@ -16,11 +18,13 @@ from ._errors import InvalidInputError, UnsupportedError
 from ._options import choice, count
 
 if TYPE_CHECKING:
+    from ._applications import Texture
     from ._map import Map
     from ._meshes import Mesh
+    from ._reports import CertificateReport, SequenceReport
     from .boundary import BoundaryMap
 
-__all__ = ["boundary", "histogram", "map", "mesh"]
+__all__ = ["boundary", "certificate", "histogram", "map", "mesh", "sequence", "texture"]
 
 #: A plane: an axis, an axis and its position from 0 to 1 across the box, or a normal and a point.
 Plane = Union[str, Tuple[str, float], Tuple[Sequence[float], Sequence[float]]]
@@ -211,21 +215,180 @@ def mesh(
         drawn.cell_data[by] = grid.scaled_jacobian
     elif by is not None and by not in drawn.point_data and by not in drawn.cell_data:
         raise InvalidInputError(f'by is {by!r}, but must be "scaled_jacobian" or a field of the mesh')
+    limits = [0.0, 1.0] if by == "scaled_jacobian" else None
+    settings = {"scalars": by, "clim": limits, "cmap": cmap, "show_edges": show_edges}
+    return _cut_open(drawn, clip, off_screen, window_size, settings)
+
+
+def _cut_open(
+    cells: Any,
+    clip: Optional[Plane],
+    off_screen: Optional[bool],
+    window_size: Optional[Tuple[int, int]],
+    settings: Dict[str, Any],
+) -> Any:
+    """Whole cells behind a plane, seen from before it."""
+    drawn = cells
     if clip is not None:
-        normal, point = _plane(clip, drawn.bounds)
-        behind = (drawn.cell_centers().points - point) @ normal <= 0
-        drawn = drawn.extract_cells(np.flatnonzero(behind))
+        normal, point = _plane(clip, cells.bounds)
+        behind = (cells.cell_centers().points - point) @ normal <= 0
+        drawn = cells.extract_cells(np.flatnonzero(behind))
     plotter = _plotter((1, 1), off_screen, window_size)
     if not drawn.n_cells:
         raise InvalidInputError("clip leaves no cells to draw")
-    limits = [0.0, 1.0] if by == "scaled_jacobian" else None
-    plotter.add_mesh(drawn, scalars=by, clim=limits, cmap=cmap, show_edges=show_edges)
+    plotter.add_mesh(drawn, **settings)
     if clip is not None:
         plotter.camera.focal_point = drawn.center
         plotter.camera.position = np.asarray(drawn.center) + 3.0 * drawn.length * (normal + [0.25, -0.35, 0.3])
         plotter.camera.up = (0, 0, 1) if abs(normal[2]) < 0.9 else (0, 1, 0)
     plotter.reset_camera()
     return plotter
+
+
+def certificate(
+    proof: CertificateReport,
+    *,
+    clip: Optional[Plane] = "y",
+    by: str = "verdict",
+    show_edges: bool = True,
+    off_screen: Optional[bool] = None,
+    window_size: Optional[Tuple[int, int]] = None,
+) -> Any:
+    """What a certificate proves, cut open: blue where the map is locally one to one, red where it folds, grey undecided.
+
+    Parameters
+    ----------
+    proof : CertificateReport
+        From ``f.certify(cells=True)``.
+    clip : {"x", "y", "z"}, (axis, position), or (normal, point), optional
+        The plane.
+    by : str
+        ``"verdict"``, or another field of the certificate's cells, such as ``"sigma_min_bound"``.
+    show_edges : bool
+        Draw the edges of cells.
+    off_screen, window_size
+        As for :func:`map`.
+
+    Returns
+    -------
+    pyvista.Plotter
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> ball = solidmap.shapes.sphere(levels=2)
+    >>> proof = solidmap.fit(ball, images=ball.points).certify(undecided=0.2, cells=True)
+    >>> proof.plot(off_screen=True).screenshot(return_img=True).ndim  # doctest: +PLOT
+    3
+    """
+    if proof.mesh is None:
+        raise InvalidInputError("the certificate has no cells: ask for certify(cells=True)")
+    drawn = proof.mesh.to_pyvista()
+    choice("by", by, list(proof.mesh.cell_data))
+    settings: Dict[str, Any] = {"scalars": by, "show_edges": show_edges}
+    if by == "verdict":
+        colours = ["#c0392b", "#b5b5b5", "#3b6ea5"]
+        settings.update({"cmap": colours, "clim": [-1.5, 1.5], "n_colors": 3, "lighting": True})
+    return _cut_open(drawn, clip, off_screen, window_size, settings)
+
+
+def texture(
+    colours: Texture,
+    *,
+    clip: Optional[Plane] = "y",
+    resolution: int = 64,
+    through: Optional[Map] = None,
+    off_screen: Optional[bool] = None,
+    window_size: Optional[Tuple[int, int]] = None,
+) -> Any:
+    """A solid with its colours, cut open, as voxels.
+
+    Parameters
+    ----------
+    colours : Texture
+        The texture.
+    clip : {"x", "y", "z"}, (axis, position), or (normal, point), optional
+        The plane.
+    resolution : int
+        Voxels along the longest side.
+    through : Map, optional
+        A map whose domain is the solid, to draw its target instead.
+    off_screen, window_size
+        As for :func:`map`.
+
+    Returns
+    -------
+    pyvista.Plotter
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> ball = solidmap.shapes.sphere(levels=2)
+    >>> made = solidmap.texture(ball, colours=(ball.points + 1) / 2, sources=100)
+    >>> made.plot(off_screen=True, resolution=16).screenshot(return_img=True).ndim  # doctest: +PLOT
+    3
+    """
+    _pyvista()
+    volume = colours.volume(resolution=resolution, through=through)
+    voxels = volume.to_pyvista()
+    inside = voxels.extract_cells(np.flatnonzero(volume.rgba[..., 3].ravel()))
+    if not inside.n_cells:
+        raise InvalidInputError(f"resolution is {resolution}, at which no voxel's centre is in the solid")
+    inside.cell_data["rgb"] = np.ascontiguousarray(inside.cell_data["rgba"][:, :3])
+    settings = {"scalars": "rgb", "rgb": True, "show_edges": False}
+    return _cut_open(inside, clip, off_screen, window_size, settings)
+
+
+def sequence(report: SequenceReport, *, by: str = "deformation_energy", axes: Any = None) -> Any:
+    """The energy of the frames of a sequence over time, with its estimated errors, as a curve of matplotlib's.
+
+    Parameters
+    ----------
+    report : SequenceReport
+        From :func:`solidmap.sequence`.
+    by : {"deformation_energy", "harmonic_energy"}
+        Which energy.
+    axes : matplotlib axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib axes
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> ball = solidmap.shapes.sphere(levels=2)
+    >>> found = solidmap.sequence(ball, [ball.points * [1 + 0.1 * k, 1, 1] for k in range(3)], resolution=12)
+    >>> found.plot().get_ylabel()  # doctest: +PLOT
+    'deformation energy'
+    """
+    name = choice("by", by, ["deformation_energy", "harmonic_energy"])
+    axes = _axes() if axes is None else axes
+    times = [row.time for row in report.frames]
+    # Frames that were skipped leave a gap.
+    energies = np.array([_or_nan(getattr(row, name)) for row in report.frames])
+    errors = np.array([_or_nan((row.errors or {}).get(name.split("_")[0])) for row in report.frames])
+    axes.plot(times, energies, color="#3b6ea5", marker="o", markersize=3)
+    axes.fill_between(times, energies - errors, energies + errors, color="#3b6ea5", alpha=0.25, linewidth=0)
+    axes.set_xlabel("time")
+    axes.set_ylabel(name.replace("_", " "))
+    if report.cycles:
+        axes.set_title(f"{report.cycles['count']:.3g} cycles, of {report.cycles['period']:.3g} frames each", fontsize=10)
+    return axes
+
+
+def _or_nan(value: Optional[float]) -> float:
+    return float("nan") if value is None else value
+
+
+def _axes() -> Any:
+    """Axes of a new figure."""
+    try:
+        from matplotlib import figure
+    except ImportError:
+        raise UnsupportedError("curves and histograms need matplotlib: pip install solidmap[plot]") from None
+    return figure.Figure(figsize=(5, 3.2), layout="constrained").subplots()
 
 
 def boundary(
@@ -339,10 +502,7 @@ def histogram(
     >>> solidmap.plot.histogram(f).get_xlabel()  # doctest: +PLOT
     'det J'
     """
-    try:
-        from matplotlib import figure
-    except ImportError:
-        raise UnsupportedError("histograms need matplotlib: pip install solidmap[plot]") from None
+    axes = _axes() if axes is None else axes
     from ._map import Map
     from ._meshes import Mesh
 
@@ -356,8 +516,6 @@ def histogram(
         label = {"det_jacobian": "det J"}.get(name, f"{name} energy density")
     else:
         raise InvalidInputError(f"f is of type {type(f).__name__}, but must be a Map or a Mesh")
-    if axes is None:
-        axes = figure.Figure(figsize=(5, 3.2), layout="constrained").subplots()
     axes.hist(values[np.isfinite(values)], bins=count("bins", bins, 1), color="#3b6ea5")
     axes.set_xlabel(label)
     axes.set_ylabel("share" if isinstance(f, Map) else "cells")

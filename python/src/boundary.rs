@@ -88,6 +88,14 @@ impl Boundary {
         run(py, None, None, move |_| Ok(files::write_boundary(&path, &file)?))
     }
 
+    /// Writes the domain with the image of each vertex and the distortion of each triangle.
+    fn write_fields(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        let file = Arc::clone(&self.0);
+        run(py, None, None, move |_| {
+            Ok(files::write_boundary_fields(&path, &file.boundary)?)
+        })
+    }
+
     /// The same map of a domain whose triangles face otherwise.
     fn over(&self, py: Python, domain: &Surface) -> PyResult<Self> {
         let (file, domain) = (Arc::clone(&self.0), Arc::clone(&domain.0));

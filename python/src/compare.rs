@@ -1,23 +1,23 @@
 //! Maps of one boundary map by several methods, measured alike.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use solidmap::baseline::{DescentOptions, HarmonicOptions};
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::check;
 use solidmap::compare::{
-    BuildOptions, ComparedMethod, EvaluationOptions, FoldCount, InteriorImages, MapEvaluator, MeshSpec, TetMesher,
-    build, carried, mesh_for,
+    BuildOptions, ComparedMethod, EvaluationOptions, InteriorImages, MapEvaluator, MapFigures, MeshSpec, TetMesher,
+    Variation, build, equal_accuracy, frame_timings, measured_map, outward, reference, spread,
 };
-use solidmap::fit::FitOptions;
-use solidmap::mesh::TetMesh;
+use solidmap::energy::volmap_metrics;
+use solidmap::fit::{FitMethod, FitOptions};
+use solidmap::mesh::{SurfaceMesh, TetMesh};
+use solidmap::solver::SchwarzOptions;
 
 use crate::boundary::{Boundary, value_of};
 use crate::error::Failure;
-use crate::meshes::Cells;
+use crate::meshes::{Cells, Surface, json as to_json};
 use crate::run::{Watch, run, step};
 
 /// The program's options of comparisons.
@@ -35,6 +35,9 @@ pub struct CompareArguments {
     seed: u64,
     max_tets: usize,
     memory: Option<u64>,
+    no_reference: bool,
+    equal_accuracy: bool,
+    mesh_study: bool,
 }
 
 fn method_of(name: &str) -> Result<ComparedMethod, Failure> {
@@ -61,14 +64,16 @@ impl CompareArguments {
     }
 }
 
-/// One row of figures for each method. Those that cannot make a map have an `error`.
+/// Maps by several methods, and what was asked for beside: the reference, finer maps, studies of meshes, the time of frames.
+/// Methods that cannot make a map have an `error`.
 #[pyfunction]
-#[pyo3(signature = (boundary, arguments, mesh=None, progress=None))]
+#[pyo3(signature = (boundary, arguments, mesh=None, frames=None, progress=None))]
 pub fn compare(
     py: Python,
     boundary: &Boundary,
     arguments: CompareArguments,
     mesh: Option<&Cells>,
+    frames: Option<Vec<PyRef<'_, Surface>>>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
     let (file, given) = (Arc::clone(&boundary.0), mesh.map(|mesh| mesh.tets("mesh")).transpose()?);
@@ -77,12 +82,10 @@ pub fn compare(
         .iter()
         .map(|name| method_of(name))
         .collect::<Result<_, _>>()?;
+    let frames = frames.unwrap_or_default();
+    let frames: Vec<Arc<SurfaceMesh>> = frames.iter().map(|frame| Arc::clone(&frame.0)).collect();
     run(py, progress, None, move |watch| {
-        let (repaired, repairs) = check::repair(file.boundary.domain());
-        let boundary = match repairs.is_empty() {
-            true => file.boundary.clone(),
-            false => file.boundary.over(repaired)?,
-        };
+        let boundary = outward(file.boundary.clone())?;
         watch.tell_or_unwind(|| step("placing sample points"));
         let options = EvaluationOptions {
             resolution: arguments.resolution,
@@ -91,47 +94,88 @@ pub fn compare(
             ..EvaluationOptions::default()
         };
         let evaluator = MapEvaluator::new(&boundary, &options)?;
-        let mut first: Option<InteriorImages> = None;
-        let mut rows = vec![];
-        for method in methods {
-            let compared = Compared {
-                boundary: &boundary,
-                arguments: &arguments,
-                given: given.as_ref(),
-                evaluator: &evaluator,
-            };
-            let mut row = match compared.measured(method, &mut first, watch) {
-                Ok(row) => row,
-                Err(failure) if watch.is_cancelled() => return Err(failure),
-                Err(failure) => json!({ "error": failure.message() }),
-            };
-            row["name"] = json!(method.name());
-            rows.push(row);
+        let mut compared = Compared {
+            boundary: &boundary,
+            spec: arguments.spec(&boundary),
+            arguments: &arguments,
+            given: given.as_ref(),
+            evaluator: &evaluator,
+            reference: None,
+            watch,
+        };
+        let mut found = json!({ "reference": null });
+        if !arguments.no_reference {
+            let fit = compared.options(&compared.variation(ComparedMethod::Mfs)).fit;
+            let tell = |what: String| watch.tell_or_unwind(|| step(&format!("reference: {what}")));
+            let (made, report) = reference(&boundary, &fit, &evaluator, &tell)?;
+            compared.reference = Some(evaluator.interior_images(&made.map)?);
+            found["reference"] = value_of(&report)?;
         }
-        Ok(Value::from(rows).to_string())
+        let rows: Vec<Row> = methods
+            .iter()
+            .map(|&method| compared.row(&compared.variation(method)))
+            .collect::<Result<_, _>>()?;
+        found["methods"] = rows.iter().map(Row::value).collect::<Result<_, _>>()?;
+        found["equal_accuracy"] = compared.equal_accuracy(&rows)?;
+        found["mesh_study"] = compared.mesh_study(&methods)?;
+        found["sequence"] = compared.sequence(&methods, &frames)?;
+        Ok(found.to_string())
     })
+}
+
+/// A method, and its figures or why there are none.
+struct Row {
+    method: ComparedMethod,
+    found: Result<(MapFigures, InteriorImages), String>,
+}
+
+impl Row {
+    fn figures(&self) -> Option<&MapFigures> {
+        self.found.as_ref().ok().map(|(figures, _)| figures)
+    }
+
+    fn value(&self) -> Result<Value, Failure> {
+        let mut row = match &self.found {
+            Ok((figures, _)) => value_of(figures)?,
+            Err(error) => json!({ "error": error }),
+        };
+        row["name"] = json!(self.method.name());
+        row["total_seconds"] = json!(self.figures().map(MapFigures::total_seconds));
+        Ok(row)
+    }
+
+    fn value_with(&self, what: &str) -> Result<Value, Failure> {
+        let mut row = self.value()?;
+        row["what"] = json!(what);
+        Ok(row)
+    }
 }
 
 struct Compared<'a> {
     boundary: &'a BoundaryMap,
+    spec: MeshSpec,
     arguments: &'a CompareArguments,
     given: Option<&'a TetMesh>,
     evaluator: &'a MapEvaluator<'a>,
+    reference: Option<InteriorImages>,
+    watch: &'a Watch,
 }
 
 impl Compared<'_> {
-    /// The figures of a method; `first` has the images of the first method that made a map.
-    fn measured(
-        &self,
-        method: ComparedMethod,
-        first: &mut Option<InteriorImages>,
-        watch: &Watch,
-    ) -> Result<Value, Failure> {
-        let spec = self.arguments.spec(self.boundary);
-        let options = BuildOptions {
-            method,
+    /// A method as it is run for the table.
+    fn variation(&self, method: ComparedMethod) -> Variation {
+        Variation::of(method, self.arguments.tolerance, self.spec)
+    }
+
+    fn options(&self, varied: &Variation) -> BuildOptions<'_> {
+        BuildOptions {
+            method: varied.method,
             fit: FitOptions {
-                tolerance: self.arguments.tolerance,
+                tolerance: varied.tolerance,
+                method: FitMethod::Schwarz {
+                    alpha: varied.alpha,
+                    options: SchwarzOptions::default(),
+                },
                 memory: self.arguments.memory,
                 seed: self.arguments.seed,
                 ..FitOptions::default()
@@ -141,55 +185,121 @@ impl Compared<'_> {
                 threshold: self.arguments.threshold,
                 ..DescentOptions::default()
             },
-            mesh: spec,
+            mesh: varied.mesh,
             given: self.given,
-        };
-        let tell = |what: String| watch.tell_or_unwind(|| step(&format!("{}: {what}", method.name())));
-        let started = Instant::now();
-        let mut made = build(self.boundary, &options, &tell)?;
-        let total = started.elapsed().as_secs_f64();
-        tell("measuring".into());
-        let found = self.evaluator.measure(&*made.map)?;
-        made.seconds.evaluate = found.evaluate_seconds;
-        let images = self.evaluator.interior_images(&*made.map)?;
-        let difference = first.as_ref().map(|first| self.evaluator.difference(&images, first));
-        first.get_or_insert(images);
-        let mut remarks = vec![];
-        let on_tets = made.tets.take().map(Ok).unwrap_or_else(|| {
-            let (mesh, boundary) = mesh_for(self.boundary, &spec, self.given)?;
-            let images = carried(&mesh, &boundary, &*made.map)?;
-            Ok((mesh, images))
-        });
-        let folds = match on_tets {
-            Ok((mesh, images)) => Some(FoldCount::of(&mesh, &images)),
-            Err(error) => {
-                let failure: Failure = {
-                    let error: solidmap::compare::CompareError = error;
-                    error.into()
-                };
-                remarks.push(format!("no tets could be carried: {}", failure.message()));
-                None
-            }
-        };
-        Ok(json!({
-            "seconds": value_of(&made.seconds)?,
-            "total_seconds": total,
-            "tets": folds.map(|folds| folds.tets),
-            "inverted_tets": folds.map(|folds| folds.flipped),
-            "unknowns": made.unknowns,
-            "iterations": made.iterations,
-            "boundary_error": value_of(&found.boundary_error)?,
-            "interior_difference": value_of(&difference)?,
-            "harmonic_energy": found.energy.harmonic,
-            "deformation_energy": found.energy.deformation,
-            "errors": value_of(&found.energy.errors)?,
-            "harmonic_density": value_of(&found.energy.harmonic_density)?,
-            "det_jacobian": value_of(&found.distortion.determinants)?,
-            "folded_fraction": found.energy.folded.fraction,
-            "distortion": value_of(&found.distortion.mean_normalized)?,
-            "volmap": value_of(&found.distortion.volmap)?,
-            "quadrature_points": found.quadrature_points,
-            "remarks": remarks,
-        }))
+        }
     }
+
+    /// What a call found, or its error as a text, unless the work was cancelled.
+    fn or_text<T>(&self, found: Result<T, impl Into<Failure>>) -> Result<Result<T, String>, Failure> {
+        match found.map_err(Into::into) {
+            Ok(found) => Ok(Ok(found)),
+            Err(failure) if self.watch.is_cancelled() => Err(failure),
+            Err(failure) => Ok(Err(failure.message().to_owned())),
+        }
+    }
+
+    fn row(&self, varied: &Variation) -> Result<Row, Failure> {
+        let method = varied.method;
+        let tell = |what: String| {
+            let name = format!("{}, {}: {what}", method.name(), varied.what);
+            self.watch.tell_or_unwind(|| step(&name));
+        };
+        let options = self.options(varied);
+        let made = build(self.boundary, &options, &tell).and_then(|built| {
+            let reference = self.reference.as_ref();
+            measured_map(self.boundary, &options, built, self.evaluator, reference, &tell)
+        });
+        let found = self.or_text(made.map(|made| (made.figures, made.interior)))?;
+        Ok(Row { method, found })
+    }
+
+    fn equal_accuracy(&self, rows: &[Row]) -> Result<Value, Failure> {
+        if !self.arguments.equal_accuracy {
+            return Ok(json!([]));
+        }
+        let of_mfs = rows.iter().find(|row| row.method == ComparedMethod::Mfs);
+        let goal = of_mfs.and_then(|row| Some((row, row.figures()?.interior_difference?.rms)));
+        let Some((mfs, goal)) = goal else {
+            return Err(Failure::invalid(
+                "equal_accuracy compares finite elements with mfs, which must be among methods and have a reference",
+            ));
+        };
+        let base = self.variation(ComparedMethod::Mfs);
+        let mut run = |varied: &Variation| self.row(varied);
+        fn figures(row: &Result<Row, Failure>) -> Option<&MapFigures> {
+            row.as_ref().ok().and_then(Row::figures)
+        }
+        let mut steps = vec![mfs.value_with(&base.what)?];
+        for (varied, row) in equal_accuracy(self.boundary.domain(), &base, goal, &mut run, figures) {
+            steps.push(row?.value_with(&varied.what)?);
+        }
+        Ok(Value::from(steps))
+    }
+
+    fn mesh_study(&self, methods: &[ComparedMethod]) -> Result<Value, Failure> {
+        let mut studies = vec![];
+        let studied = methods.iter().filter(|method| method.is_prepared());
+        for &method in studied.filter(|_| self.arguments.mesh_study) {
+            let (mut runs, mut images) = (vec![], vec![]);
+            for varied in self.variation(method).study() {
+                let row = self.row(&varied)?;
+                runs.push(row.value_with(&varied.what)?);
+                images.extend(row.found.ok().map(|(_, images)| images));
+            }
+            let spread = spread(&images, self.boundary.target_diagonal());
+            studies.push(json!({ "method": method.name(), "runs": runs, "spread": value_of(&spread)? }));
+        }
+        Ok(Value::from(studies))
+    }
+
+    fn sequence(&self, methods: &[ComparedMethod], frames: &[Arc<SurfaceMesh>]) -> Result<Value, Failure> {
+        if frames.is_empty() {
+            return Ok(json!([]));
+        }
+        let domain = self.boundary.domain();
+        let (mut maps, mut skipped) = (vec![], vec![]);
+        for (number, frame) in frames.iter().enumerate() {
+            match BoundaryMap::between(domain.clone(), frame) {
+                Ok(map) => maps.push(map),
+                Err(error) => skipped.push(format!("frame {number}: {error}")),
+            }
+        }
+        if maps.is_empty() {
+            return Err(Failure::invalid(format!(
+                "frames has none that can be used: {}",
+                skipped.join("; ")
+            )));
+        }
+        let mut rows = vec![];
+        for &method in methods.iter().filter(|method| method.is_prepared()) {
+            let tell = |what: String| {
+                self.watch
+                    .tell_or_unwind(|| step(&format!("sequence, {}: {what}", method.name())))
+            };
+            let options = self.options(&self.variation(method));
+            let mut row = match self.or_text(frame_timings(self.boundary, &maps, &options, &tell))? {
+                Ok(timings) => value_of(&timings)?,
+                Err(error) => json!({ "error": error }),
+            };
+            row["method"] = json!(method.name());
+            row["skipped"] = json!(skipped);
+            rows.push(row);
+        }
+        Ok(Value::from(rows))
+    }
+}
+
+/// The metrics of VOLMAP of the map from one mesh of tetrahedra to another.
+#[pyfunction]
+pub fn mesh_metrics(py: Python, domain: &Cells, image: &Cells) -> PyResult<String> {
+    let (domain, image) = (domain.tets("domain")?, image.tets("image")?);
+    if domain.tets() != image.tets() || domain.vertices().len() != image.vertices().len() {
+        return Err(
+            Failure::invalid("domain and image are not meshes of the same tetrahedra in the same order").into(),
+        );
+    }
+    run(py, None, None, move |_| {
+        to_json(&volmap_metrics(&domain, image.vertices())?)
+    })
 }

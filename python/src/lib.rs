@@ -28,7 +28,7 @@ mod _solidmap {
     #[pymodule_export]
     use crate::boundary::{Boundary, boundary_pair, boundary_sphere};
     #[pymodule_export]
-    use crate::compare::compare;
+    use crate::compare::{compare, mesh_metrics};
     #[pymodule_export]
     use crate::fit::{Factor, fit, fit_memory};
     #[pymodule_export]
@@ -40,15 +40,15 @@ mod _solidmap {
     #[pymodule_export]
     use crate::native::{isolate, offset_surface, serve_calls, tetrahedralise};
     #[pymodule_export]
-    use crate::polycube::{Hexmesh, Polycube, hexmesh, polycube_of};
+    use crate::polycube::{Hexmesh, Polycube, hexmesh, polycube_of, read_labels, write_labels};
     #[pymodule_export]
     use crate::remesh::{CarriedMesh, carry, with_bijective};
     #[pymodule_export]
-    use crate::run::{set_threads, threads};
+    use crate::run::{keep_freed_memory, set_threads, threads};
     #[pymodule_export]
     use crate::sequence::Sequence;
     #[pymodule_export]
-    use crate::texture::{Texture, read_textured_surface, texture};
+    use crate::texture::{Texture, read_textured_surface, texture, write_volume};
     #[pymodule_export]
     use crate::transfer::{read_fields, transfer};
 

@@ -332,6 +332,19 @@ impl Map {
         Ok((domain, target))
     }
 
+    /// Writes the domain's surface with both images of each vertex and their distance.
+    #[pyo3(signature = (path, map=None))]
+    fn write_fields(&self, py: Python, path: PathBuf, map: Option<&str>) -> PyResult<()> {
+        let (file, kind) = (Arc::clone(&self.file), self.kind(map)?);
+        run(py, None, None, move |_| {
+            Ok(files::write_fit_fields(
+                &path,
+                boundary_of(&file)?,
+                chosen(&file, kind),
+            )?)
+        })
+    }
+
     /// Where the boundary error is largest.
     fn worst_places(&self, py: Python, most: usize) -> PyResult<String> {
         let file = Arc::clone(&self.file);

@@ -1,5 +1,6 @@
 //! Energies, distortion and certificates of maps.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use numpy::{PyArray1, PyReadonlyArray2};
@@ -10,9 +11,12 @@ use solidmap::energy::{
     AdaptiveOptions, EnergyOptions, GridResolution, Lame, Quadrature, adaptive_energies, cell_quadrature, clipped_grid,
     densities, distortion, domain_mesh_quadrature, energies, worst_places,
 };
+use solidmap::files;
 use solidmap::fit::self_intersection_finder;
+use solidmap::geometry::distance_field;
+use solidmap::io::Field;
 use solidmap::map::{VolumeMap, with_cancellation};
-use solidmap::mesh::CellMesh;
+use solidmap::mesh::{CellList, CellMesh};
 
 use crate::arrays::Points;
 use crate::boundary::value_of;
@@ -53,13 +57,14 @@ impl EnergyArguments {
 
 /// The energies, and with them what they were integrated over.
 #[pyfunction]
-#[pyo3(signature = (map, arguments, mesh=None, kind=None, progress=None))]
+#[pyo3(signature = (map, arguments, mesh=None, kind=None, vtu=None, progress=None))]
 pub fn energy(
     py: Python,
     map: &Map,
     arguments: EnergyArguments,
     mesh: Option<&Cells>,
     kind: Option<&str>,
+    vtu: Option<PathBuf>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<String> {
     let (file, kind, options) = (Arc::clone(&map.file), map.kind(kind)?, arguments.options()?);
@@ -96,6 +101,17 @@ pub fn energy(
             None => adaptive_energies(map, boundary.domain(), target_volume, &options, &accuracy),
         })??;
         let mesh = given.as_deref().or(own.as_ref());
+        if let Some(path) = vtu {
+            let _ = watch.tell(|| step("writing"));
+            let images = chosen(&file, kind).evaluate(quadrature.points());
+            let distances = distance_field(&boundary.outward_target(), &images)?;
+            files::write_cell_means(
+                &path,
+                &quadrature,
+                mesh,
+                &files::energy_fields(&report.densities, &distances),
+            )?;
+        }
         let places = worst_places(&quadrature, &report.densities, target_volume, mesh, arguments.worst);
         let mut all = value_of(&report)?;
         all["map_kind"] = json!(kind_name(kind));
@@ -185,34 +201,44 @@ fn certifying(at: CertificateProgress) -> Step {
     of("dividing cells", fraction, detail)
 }
 
-/// What is proved of the map's orientation, and where.
+/// Cells, and fields with one value for each.
+pub type CellsWithFields<'py> = (Cells, Vec<(String, Bound<'py, PyArray1<f64>>)>);
+
+/// Scalar fields as arrays by their names.
+pub fn arrays_of(py: Python<'_>, fields: Vec<Field>) -> Vec<(String, Bound<'_, PyArray1<f64>>)> {
+    let of = |field: Field| (field.name, PyArray1::from_vec(py, field.values));
+    fields.into_iter().map(of).collect()
+}
+
+/// What is proved of the map's orientation, and where; where they are asked for, with the cells and what is known of each.
 #[pyfunction]
-#[pyo3(signature = (map, finest, max_cells, undecided, worst, kind=None, progress=None))]
+#[pyo3(signature = (map, finest, max_cells, undecided, worst, with_cells, kind=None, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "it is called from Python, by keywords")]
-pub fn certificate(
-    py: Python,
+pub fn certificate<'py>(
+    py: Python<'py>,
     map: &Map,
     finest: usize,
     max_cells: usize,
     undecided: f64,
     worst: usize,
+    with_cells: bool,
     kind: Option<&str>,
-    progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<String> {
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<(String, Option<CellsWithFields<'py>>)> {
     let (file, kind) = (Arc::clone(&map.file), map.kind(kind)?);
     let options = CertificateOptions {
         finest,
         max_cells,
         undecided,
     };
-    run(py, progress, None, move |watch| {
+    let (report, cells) = run(py, progress, None, move |watch| {
         if let (Some(bijective), Kind::Bijective) = (&file.bijective, kind) {
             let _ = watch.tell(|| step("checking tetrahedra"));
             let found = bijective.map.certificate(self_intersection_finder());
             let mut all = value_of(&found)?;
             all["map_kind"] = json!("bijective");
             all["one_to_one"] = json!(found.is_one_to_one());
-            return Ok(all.to_string());
+            return Ok((all.to_string(), None));
         }
         let boundary = boundary_of(&file)?;
         let found = certify(
@@ -222,6 +248,15 @@ pub fn certificate(
             &options,
             &|at| watch.tell(|| certifying(at)),
         )?;
+        let mut cells = None;
+        if with_cells {
+            let _ = watch.tell(|| step("collecting cells"));
+            let merged = found.merged(&file.map);
+            let (points, hexes) = merged.hexahedra();
+            let regions = vec![1; hexes.len()];
+            let mesh = CellMesh::new(points, CellList::Hexes(hexes), regions)?;
+            cells = Some((mesh, files::certificate_fields(&merged)));
+        }
         let (folded, undecided) = (found.folded_places(), found.undecided_places());
         let report = found.report;
         let mut all = value_of(&report)?;
@@ -232,6 +267,8 @@ pub fn certificate(
         all["undecided_places"] = json!(undecided.len());
         let places: Vec<_> = folded.into_iter().chain(undecided).take(worst).collect();
         all["worst_places"] = value_of(&places)?;
-        Ok(all.to_string())
-    })
+        Ok((all.to_string(), cells))
+    })?;
+    let cells = cells.map(|(mesh, fields)| (Cells::of(mesh), arrays_of(py, fields)));
+    Ok((report, cells))
 }

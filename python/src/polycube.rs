@@ -1,21 +1,27 @@
 //! Polycubes, and meshes of models made by them.
 
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ToPyArray};
 use pyo3::prelude::*;
 use serde_json::json;
+use solidmap::files;
 use solidmap::fit::FitOptions;
 use solidmap::hexmesh::{HexmeshOptions, HexmeshPhase, HexmeshPolycube, PolycubeKind, make_hexmesh};
+use solidmap::io;
 use solidmap::mesh::{CellMesh, SurfaceMesh, TetMesh};
-use solidmap::polycube::{self, Orientation, PolycubeOptions, PolycubePhase, make_polycube, make_polycube_with_labels};
+use solidmap::polycube::{
+    self, MakePolycubeError, Orientation, PolycubeOptions, PolycubePhase, make_polycube, make_polycube_with_labels,
+};
 use solidmap::remesh::{CellSize, RemeshOptions};
 
-use crate::arrays::{entries, rows};
+use crate::arrays::{copy_of_rows, entries, rows};
 use crate::boundary::{Inputs, pair_step, provenance, value_of};
 use crate::error::{ErrorKind, Failure};
 use crate::fit::fit_step;
 use crate::map::Map;
+use crate::measures::arrays_of;
 use crate::meshes::{Cells, Surface, json as to_json};
 use crate::native::filled;
 use crate::remesh::{CarriedMesh, RemeshArguments, remesh_step};
@@ -97,23 +103,50 @@ impl Polycube {
         self.0.labels.to_pyarray(py)
     }
 
+    /// The boundary triangles of the mesh that was given, and the direction of all parts of each.
+    #[getter]
+    fn given_labels<'py>(&self, py: Python<'py>) -> (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<u8>>) {
+        let (triangles, labels): (Vec<_>, Vec<_>) = self.0.given_labels.iter().copied().unzip();
+        (copy_of_rows(py, &triangles), PyArray1::from_vec(py, labels))
+    }
+
     #[getter]
     fn report_json(&self) -> PyResult<String> {
         Ok(to_json(&self.0.report)?)
     }
 }
 
-/// A polycube of a model; with labels of the triangles of its boundary, the one that they describe.
+/// Labels of triangles, one a line.
+#[pyfunction]
+pub fn read_labels(py: Python<'_>, path: PathBuf, triangles: usize) -> PyResult<Bound<'_, PyArray1<u8>>> {
+    let labels = run(py, None, None, move |_| Ok(io::read_triangle_labels(&path, triangles)?))?;
+    Ok(PyArray1::from_vec(py, labels))
+}
+
+/// Writes labels of triangles, one a line.
+#[pyfunction]
+pub fn write_labels(py: Python, path: PathBuf, labels: PyReadonlyArray1<u8>) -> PyResult<()> {
+    let labels = entries("labels", &labels)?;
+    run(py, None, None, move |_| Ok(io::write_triangle_labels(&path, &labels)?))
+}
+
+/// Why no polycube was found; the polycube's tetrahedra and the model's in the best attempt; what is known of each; a report,
+/// and the places that are bad.
+type NotFound<'py> = (String, Cells, Cells, Vec<(String, Bound<'py, PyArray1<f64>>)>, String);
+
+/// A polycube of a model; with labels of the triangles of its boundary, the one that they describe. Where none is found,
+/// the best attempt.
 #[pyfunction]
 #[pyo3(signature = (surface, mesh, arguments, labels=None, progress=None))]
-pub fn polycube_of(
-    py: Python,
+#[allow(clippy::type_complexity, reason = "one of two results")]
+pub fn polycube_of<'py>(
+    py: Python<'py>,
     surface: Option<&Surface>,
     mesh: Option<&Cells>,
     arguments: PolycubeArguments,
     labels: Option<(PyReadonlyArray2<u32>, PyReadonlyArray1<u8>)>,
-    progress: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Polycube> {
+    progress: Option<&Bound<'py, PyAny>>,
+) -> PyResult<(Option<Polycube>, Option<NotFound<'py>>)> {
     let model = Model::of(surface, mesh)?;
     let options = PolycubeOptions {
         smoothness: arguments.smoothness,
@@ -129,15 +162,28 @@ pub fn polycube_of(
             Some(triangles.iter().copied().zip(labels).collect::<Vec<_>>())
         }
     };
-    run(py, progress, None, move |watch| {
+    let (made, best) = run(py, progress, None, move |watch| {
         let tets = model.tets(watch)?;
         let report = |phase| watch.tell(|| polycube_step(phase));
         let made = match labels {
-            Some(labels) => make_polycube_with_labels(&tets, &labels, &options, &report)?,
-            None => make_polycube(&tets, &options, &report)?,
+            Some(labels) => make_polycube_with_labels(&tets, &labels, &options, &report),
+            None => make_polycube(&tets, &options, &report),
         };
-        Ok(Polycube(Arc::new(made)))
-    })
+        match made {
+            Ok(made) => Ok((Some(Polycube(Arc::new(made))), None)),
+            Err(error) => match &error {
+                MakePolycubeError::NotFound { best, .. } => Ok((None, Some((error.to_string(), best.clone())))),
+                _ => Err(error.into()),
+            },
+        }
+    })?;
+    let not_found = best.map(|(message, best)| {
+        let [polycube, model] = [&best.polycube, &best.model].map(|mesh| Cells::of(CellMesh::from(mesh.clone())));
+        let report = json!({ "report": value_of(&best.report)?, "places": value_of(&best.places)? });
+        let fields = arrays_of(py, files::attempt_fields(&best));
+        Ok::<_, Failure>((message, polycube, model, fields, report.to_string()))
+    });
+    Ok((made, not_found.transpose()?))
 }
 
 /// The program's options of `hexmesh`, beside those of the mesh.

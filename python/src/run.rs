@@ -230,6 +230,22 @@ fn failure_of(payload: &(dyn Any + Send)) -> Failure {
     )
 }
 
+/// Has the system's allocator keep what is freed, up to as much as it keeps by itself after large blocks were freed. A
+/// threshold in the environment, as Dask sets one for its workers, makes it give memory back to the system after each sum,
+/// and take it again. Does nothing where the allocator is not glibc's.
+#[pyfunction]
+pub fn keep_freed_memory() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        const MMAP_THRESHOLD: libc::c_int = 32 << 20;
+        // SAFETY: both only set numbers of the allocator, under its lock.
+        unsafe {
+            libc::mallopt(libc::M_MMAP_THRESHOLD, MMAP_THRESHOLD);
+            libc::mallopt(libc::M_TRIM_THRESHOLD, 2 * MMAP_THRESHOLD);
+        }
+    }
+}
+
 /// How many threads were asked for; 0 for as many as rayon starts by itself.
 static WANTED: AtomicUsize = AtomicUsize::new(0);
 /// The process whose threads they are; 0 before there are any.

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use solidmap::boundary_map::BoundaryMap;
@@ -10,15 +11,18 @@ use solidmap::fit::self_intersection_finder;
 use solidmap::mesh::TetMesh;
 use solidmap::remesh::RemeshOptions;
 use solidmap::sequence::{FilledReference, FrameMeasurement, SequenceError, SequenceOptions, SequencePhase, cycles};
+use solidmap::transfer::{FieldMesh, push_forward};
 
+use crate::arrays::{Points, from_points};
 use crate::boundary::value_of;
 use crate::error::{ErrorKind, Failure};
 use crate::fit::{FitArguments, fit_step};
 use crate::measures::lame_of;
-use crate::meshes::{Cells, Surface, json as to_json};
+use crate::meshes::{Cells, Surface, cell_list, json as to_json};
 use crate::native::filled;
 use crate::remesh::remesh_step;
 use crate::run::run;
+use crate::transfer::{FoundField, GivenField, found, given};
 
 /// The program's options of sequences, beside those of the method.
 #[derive(FromPyObject)]
@@ -48,6 +52,33 @@ impl Prepared {
         self.filled.as_ref().map(of).transpose()
     }
 }
+
+/// A mesh with fields that each frame carries.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Material<'py> {
+    points: PyReadonlyArray2<'py, f64>,
+    cells: Option<PyReadonlyArray2<'py, u32>>,
+    point_fields: Vec<GivenField<'py>>,
+    cell_fields: Vec<GivenField<'py>>,
+}
+
+impl Material<'_> {
+    fn read(self) -> PyResult<FieldMesh> {
+        let cells = self.cells.as_ref().map(|cells| cell_list("cells", cells)).transpose()?;
+        let mesh = FieldMesh {
+            points: Points::of("points", &self.points)?.to_vec(),
+            cells: cells.unwrap_or_default(),
+            point_fields: given(self.point_fields)?,
+            cell_fields: given(self.cell_fields)?,
+        };
+        mesh.check().map_err(Failure::from)?;
+        Ok(mesh)
+    }
+}
+
+/// Its points and its fields in a frame.
+type CarriedMaterial<'py> = (Bound<'py, PyArray2<f64>>, Vec<FoundField<'py>>, Vec<FoundField<'py>>);
 
 /// A reference, factored. Lost when work on it is cancelled.
 #[pyclass(frozen, module = "solidmap._solidmap")]
@@ -135,17 +166,21 @@ impl Sequence {
         })
     }
 
-    /// Measures frames, all at once: for each what was found, or why it was skipped.
-    #[pyo3(signature = (frames, progress=None))]
-    fn measure(
+    /// Measures frames, all at once: for each what was found, or why it was skipped; and the points and fields of a material
+    /// as each frame carries it, none where it was skipped.
+    #[pyo3(signature = (frames, material=None, progress=None))]
+    #[allow(clippy::type_complexity, reason = "parts of meshes")]
+    fn measure<'py>(
         &self,
-        py: Python,
+        py: Python<'py>,
         frames: Vec<PyRef<'_, Surface>>,
-        progress: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<String> {
+        material: Option<Material<'py>>,
+        progress: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<(String, Vec<Option<CarriedMaterial<'py>>>)> {
         let frames: Vec<_> = frames.iter().map(|frame| Arc::clone(&frame.0)).collect();
+        let material = material.map(Material::read).transpose()?;
         let shared = Arc::clone(&self.prepared);
-        run(py, progress, None, move |watch| {
+        let (report, carried) = run(py, progress, None, move |watch| {
             let lost = || {
                 Failure::new(
                     ErrorKind::Unsupported,
@@ -155,10 +190,28 @@ impl Sequence {
             // Taken out while it changes: work that is unwound loses it.
             let taken = shared.try_lock().ok().and_then(|mut prepared| prepared.take());
             let mut prepared = taken.ok_or_else(lost)?;
-            let rows = measured(&mut prepared, &frames, watch)?;
+            let found = measured(&mut prepared, &frames, watch)?;
             *shared.lock().unwrap_or_else(PoisonError::into_inner) = Some(prepared);
-            to_json(&rows)
-        })
+            let (mut rows, mut carried) = (vec![], vec![]);
+            for found in found {
+                let moved = match (&found, &material) {
+                    (Ok(found), Some(material)) => Some(push_forward(&found.map, material)?),
+                    _ => None,
+                };
+                carried.push(moved);
+                rows.push(match &found {
+                    Ok(found) => row(found)?,
+                    Err(error) => json!({ "skipped": error.to_string() }),
+                });
+            }
+            Ok((to_json(&rows)?, carried))
+        })?;
+        let of = |mesh: FieldMesh| {
+            let points = from_points(py, mesh.points)?;
+            Ok((points, found(py, mesh.point_fields), found(py, mesh.cell_fields)))
+        };
+        let carried = carried.into_iter().map(|mesh| mesh.map(of).transpose());
+        Ok((report, carried.collect::<PyResult<_>>()?))
     }
 
     /// The cycles of a curve of energies, or why there are none.
@@ -174,7 +227,7 @@ fn measured(
     prepared: &mut Prepared,
     frames: &[Arc<solidmap::mesh::SurfaceMesh>],
     watch: &crate::run::Watch,
-) -> Result<Vec<Value>, Failure> {
+) -> Result<Vec<Result<FrameMeasurement, SequenceError>>, Failure> {
     let filled = prepared.filled()?;
     let sequence = &mut prepared.sequence;
     let maps: Vec<Result<BoundaryMap, SequenceError>> = frames.iter().map(|surface| sequence.frame(surface)).collect();
@@ -189,14 +242,9 @@ fn measured(
         }),
     };
     let mut found = found.into_iter();
-    let rows = maps.into_iter().map(|map| {
-        let measured = map.and_then(|_| found.next().expect("one result for each usable frame"));
-        match measured {
-            Ok(measured) => row(&measured),
-            Err(error) => Ok(json!({ "skipped": error.to_string() })),
-        }
-    });
-    rows.collect()
+    let each = maps.into_iter();
+    let each = each.map(|map| map.and_then(|_| found.next().expect("one result for each usable frame")));
+    Ok(each.collect())
 }
 
 fn row(measured: &FrameMeasurement) -> Result<Value, Failure> {

@@ -3,24 +3,29 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4,
+    PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use serde_json::json;
-use solidmap::files::{self, TextureFile, TextureMetadata};
+use solidmap::Point;
+use solidmap::files::{self, MapFile, TextureFile, TextureMetadata};
 use solidmap::fit::FitOptions;
 use solidmap::inverse::InverseOptions;
-use solidmap::io;
+use solidmap::io::{self, ImageGrid};
 use solidmap::texture::{
-    ColouredSurface, ExtendedQuantity, Picture, SolidTexture, TextureOptions, Wrap, decoded, to_srgb,
+    ColouredSurface, ExtendedQuantity, Picture, SolidTexture, TextureOptions, VoxelGrid, VoxelTexture, Wrap, decoded,
+    to_srgb,
 };
 
 use crate::arrays::{Points, copy_of_corners, copy_of_rows, rows};
 use crate::boundary::{Inputs, provenance, value_of};
 use crate::error::Failure;
 use crate::fit::fit_step;
-use crate::map::{Map, PreparedInverse, boundary_of};
+use crate::map::{Kind, Map, PreparedInverse, boundary_of};
 use crate::meshes::Surface;
-use crate::run::{run, step};
+use crate::run::{part, run, step};
 
 /// Default of the largest number of sources, as in the program.
 const MOST_SOURCES: usize = 100_000;
@@ -116,27 +121,10 @@ impl Texture {
         kind: Option<&str>,
     ) -> PyResult<(Bound<'py, PyArray2<u8>>, Bound<'py, PyArray1<bool>>)> {
         let (file, points) = (Arc::clone(&self.0), Points::of("points", &points)?);
-        let tolerance = InverseOptions::default().tolerance;
-        let through = match through {
-            None => None,
-            Some(map) => {
-                let kind = map.kind(kind)?;
-                Some((Arc::clone(&map.file), kind, map.kept_inverse(kind, tolerance)))
-            }
-        };
-        let light = run(py, None, None, move |_| {
-            let texture = &file.texture;
-            Ok(match through {
-                None => texture.sample(&points),
-                Some((map, kind, kept)) => {
-                    boundary_of(&map)?;
-                    let prepared = match kept {
-                        Some(kept) => kept,
-                        None => Arc::new(PreparedInverse::new(map, kind, tolerance)?),
-                    };
-                    texture.sample_through(prepared.inverse(), &points).0
-                }
-            })
+        let through = Through::of(through, kind)?;
+        let light = run(py, None, None, move |_| match through {
+            None => Ok(file.texture.sample(&points)),
+            Some(through) => Ok(file.texture.sample_through(through.prepared()?.inverse(), &points).0),
         })?;
         let has_colour: Vec<bool> = light.iter().map(|light| light.iter().all(|c| c.is_finite())).collect();
         let colours: Vec<u8> = light
@@ -151,6 +139,103 @@ impl Texture {
             PyArray1::from_vec(py, colours).reshape([has_colour.len(), 3])?,
             PyArray1::from_vec(py, has_colour),
         ))
+    }
+
+    /// A volume of voxels: the centre of the first, their side, their colours in 8-bit sRGB with opacity (layers along z, rows
+    /// along y, voxels along x), and how many are in the solid. With a map, it is that of the map's target.
+    #[pyo3(signature = (resolution, through=None, kind=None, progress=None))]
+    #[allow(clippy::type_complexity, reason = "parts of a volume")]
+    fn volume<'py>(
+        &self,
+        py: Python<'py>,
+        resolution: usize,
+        through: Option<&Map>,
+        kind: Option<&str>,
+        progress: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<([f64; 3], f64, Bound<'py, PyArray4<u8>>, usize)> {
+        let (file, through) = (Arc::clone(&self.0), Through::of(through, kind)?);
+        let volume = run(py, progress, None, move |watch| {
+            let texture = &file.texture;
+            let of_voxels = |grid: &VoxelGrid| {
+                let voxels = grid.voxels();
+                move |done| watch.tell_or_unwind(|| part("sampling voxels", done, voxels))
+            };
+            Ok(match through {
+                None => {
+                    let grid = VoxelGrid::of(texture.coloured_surface().surface(), resolution)?;
+                    texture.volume(&grid, &of_voxels(&grid))
+                }
+                Some(through) => {
+                    let grid = VoxelGrid::of(&boundary_of(&through.file)?.outward_target(), resolution)?;
+                    let prepared = through.prepared()?;
+                    let sample = |centres: &[Point]| texture.sample_through(prepared.inverse(), centres).0;
+                    VoxelTexture::sampled(&grid, sample, &of_voxels(&grid))
+                }
+            })
+        })?;
+        let VoxelGrid { origin, spacing, size } = volume.grid;
+        let [width, height, depth] = size;
+        let bytes = PyArray1::from_vec(py, volume.rgba.into_flattened());
+        let colours = bytes.reshape([depth, height, width, 4])?;
+        Ok(([origin.x, origin.y, origin.z], spacing, colours, volume.inside))
+    }
+}
+
+/// Writes a volume of voxels, as [`Texture::volume`] makes it.
+#[pyfunction]
+pub fn write_volume(
+    py: Python,
+    path: PathBuf,
+    origin: [f64; 3],
+    spacing: f64,
+    rgba: PyReadonlyArray4<u8>,
+) -> PyResult<()> {
+    let bytes = rgba
+        .as_slice()
+        .map_err(|_| Failure::invalid("rgba is not in C order"))?;
+    let bytes = bytes.to_vec();
+    let [depth, height, width] = [0, 1, 2].map(|axis| rgba.shape()[axis]);
+    let grid = ImageGrid {
+        origin: Point::from(origin),
+        spacing,
+        size: [width, height, depth],
+    };
+    run(py, None, None, move |_| {
+        Ok(io::write_vti(&path, &grid, "rgba", 4, &bytes)?)
+    })
+}
+
+/// A map whose domain is the solid, and whose target has the colours of preimages.
+struct Through {
+    file: Arc<MapFile>,
+    kind: Kind,
+    kept: Option<Arc<PreparedInverse>>,
+}
+
+impl Through {
+    fn of(map: Option<&Map>, kind: Option<&str>) -> Result<Option<Self>, Failure> {
+        let of = |map: &Map| {
+            let kind = map.kind(kind)?;
+            let kept = map.kept_inverse(kind, InverseOptions::default().tolerance);
+            let file = Arc::clone(&map.file);
+            Ok(Self { file, kind, kept })
+        };
+        map.map(of).transpose()
+    }
+
+    fn prepared(&self) -> Result<Arc<PreparedInverse>, Failure> {
+        boundary_of(&self.file)?;
+        match &self.kept {
+            Some(kept) => Ok(Arc::clone(kept)),
+            None => {
+                let tolerance = InverseOptions::default().tolerance;
+                Ok(Arc::new(PreparedInverse::new(
+                    Arc::clone(&self.file),
+                    self.kind,
+                    tolerance,
+                )?))
+            }
+        }
     }
 }
 

@@ -25,14 +25,14 @@ use crate::meshes::cell_list;
 use crate::run::{run, step};
 
 /// A field: its name, its components, its values row by row, and how it is carried.
-type GivenField<'py> = (String, usize, PyReadonlyArray1<'py, f64>, String);
+pub type GivenField<'py> = (String, usize, PyReadonlyArray1<'py, f64>, String);
 /// A field that was read or carried: its name, its components, and its values row by row.
-type FoundField<'py> = (String, usize, Bound<'py, PyArray1<f64>>);
+pub type FoundField<'py> = (String, usize, Bound<'py, PyArray1<f64>>);
 
 /// Nodes of the mesh that carries the distance field when no other is given, as in the program.
 const MESH_NODES: usize = 60_000;
 
-fn given(fields: Vec<GivenField>) -> PyResult<Vec<TransferField>> {
+pub fn given(fields: Vec<GivenField>) -> PyResult<Vec<TransferField>> {
     let of = |(name, components, values, kind): GivenField| {
         Ok(TransferField {
             values: entries(&format!("fields[{name:?}]"), &values)?,
@@ -48,7 +48,7 @@ fn given(fields: Vec<GivenField>) -> PyResult<Vec<TransferField>> {
     fields.into_iter().map(of).collect()
 }
 
-fn found(py: Python<'_>, fields: Vec<TransferField>) -> Vec<FoundField<'_>> {
+pub fn found(py: Python<'_>, fields: Vec<TransferField>) -> Vec<FoundField<'_>> {
     let of = |field: TransferField| (field.name, field.components, PyArray1::from_vec(py, field.values));
     fields.into_iter().map(of).collect()
 }

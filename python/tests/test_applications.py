@@ -148,7 +148,9 @@ def test_methods_are_compared_alike(ball, images, tets):
     boundary = solidmap.BoundaryMap(ball, images)
     found = solidmap.compare(boundary, methods=["mfs", "fem", "bijective"], mesh=tets, resolution=10, interior=200)
     assert [row.name for row in found.methods] == ["mfs", "fem", "bijective"]
-    assert found["mfs"].interior_difference is None and found["fem"].interior_difference["rms"] < 0.1
+    assert found["mfs"].interior_difference["rms"] < found["fem"].interior_difference["rms"] < 0.1
+    assert found.reference.boundary_error.rms < found["mfs"].boundary_error.rms
+    assert found.equal_accuracy == found.mesh_study == found.sequence == []
     assert found["mfs"].harmonic_energy == pytest.approx(found["fem"].harmonic_energy, rel=0.1)
     assert all(row.inverted_tets == 0 for row in found.methods)
     assert "mfs" in repr(found)
@@ -156,6 +158,82 @@ def test_methods_are_compared_alike(ball, images, tets):
         solidmap.compare(boundary, methods=["magic"])
     with pytest.raises(KeyError):
         found["variational"]
+    with pytest.raises(solidmap.InvalidInputError, match="equal_accuracy compares"):
+        solidmap.compare(boundary, methods=["mfs"], equal_accuracy=True, no_reference=True)
+
+
+def test_a_comparison_studies_source_distances_and_times_frames(ball, images, tets):
+    boundary = solidmap.BoundaryMap(ball, images)
+    frames = [ball.points * [1 + 0.1 * k, 1, 1] for k in range(2)] + [(ball.points, ball.faces[1:])]
+    found = solidmap.compare(
+        boundary, methods=["mfs", "fem"], mesh=tets, resolution=8, interior=100, no_reference=True, mesh_study=True, frames=frames
+    )
+    assert found.reference is None and found["mfs"].interior_difference is None
+    study = {each.method: each for each in found.mesh_study}
+    assert [run.what for run in study["mfs"].runs][0] == "sources at 0.8 spacings" and len(study["fem"].runs) == 4
+    assert 0 < study["mfs"].spread["rms"] < 1e-2
+    timed = {each.method: each for each in found.sequence}
+    assert [len(each.frame_seconds) for each in timed.values()] == [2, 2]
+    assert timed["mfs"].boundary_error_p99 < 1e-2 and "frame 2" in timed["fem"].skipped[0]
+
+
+@needs_native
+def test_finite_elements_are_refined_until_they_are_as_accurate():
+    ball = solidmap.shapes.sphere(levels=2)
+    p = ball.points
+    boundary = solidmap.BoundaryMap(ball, np.column_stack([2 * p[:, 0], p[:, 1], p[:, 2] + 0.3 * p[:, 0] * p[:, 1]]))
+    # A tolerance that few elements meet.
+    found = solidmap.compare(
+        boundary, methods=["mfs"], resolution=8, interior=100, tolerance=0.05, equal_accuracy=True, max_tets=200_000
+    )
+    steps = found.equal_accuracy
+    assert [step.name for step in steps[:4]] == ["mfs", "mfs", "mfs", "fem"] and steps[3].what == "as coarse as can be"
+    last = steps[-1]
+    goal = steps[0].interior_difference["rms"]
+    assert last.error or last.interior_difference["rms"] <= goal
+    tets = [step.tets for step in steps[3:] if not step.error]
+    assert tets == sorted(set(tets)), "each mesh is finer than the one before"
+
+
+def test_a_mesh_of_the_same_tetrahedra_has_metrics(tets):
+    found = solidmap.mesh_metrics(tets, (tets.points * [1, 1, 2], tets.cells))
+    assert (found.tets, found.inverted) == (len(tets.cells), 0)
+    # Linear: the same for all.
+    assert found.symmetric_dirichlet["min"] == pytest.approx(found.symmetric_dirichlet["max"])
+    assert solidmap.mesh_metrics(tets, (tets.points * [1, 1, -1], tets.cells)).inverted == len(tets.cells)
+    with pytest.raises(solidmap.InvalidInputError, match="not meshes of the same tetrahedra"):
+        solidmap.mesh_metrics(tets, (tets.points, tets.cells[1:]))
+
+
+@needs_native
+def test_labels_are_written_and_read(tmp_path):
+    ball = solidmap.shapes.sphere(levels=2)
+    made = solidmap.polycube(ball)
+    made.save_labels(tmp_path / "labels.txt", ball.faces)
+    assert solidmap.polycube(ball, labels=tmp_path / "labels.txt").report.charts == made.report.charts
+
+
+def test_the_best_attempt_comes_with_the_error():
+    # A block with a knob on it. On four strips around the knob the top is to face sideways, as stairs that go round and up
+    # without end do.
+    block = solidmap.shapes.polycube([(k % 3, k // 3, 0) for k in range(9)] + [(1, 1, 1)], 3)
+    tets = solidmap.fit(block, images=block.points).remesh(kind="tet", cell_size=1 / 3).domain
+    surface = tets.boundary
+    corners = surface.points[surface.faces]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    axis = np.abs(area).argmax(axis=1)
+    labels = 2 * axis + (area[np.arange(len(area)), axis] > 0)
+    x, y, z = corners.mean(axis=1).T
+    along_x, along_y = ((4 / 3 <= c) & (c < 5 / 3) for c in (x, y))
+    for strip, label in ((along_x & (y < 1), 0), (along_y & (x > 2), 2), (along_x & (y > 2), 1), (along_y & (x < 1), 3)):
+        labels[(labels == 5) & (z < 1.5) & strip] = label
+    with pytest.raises(solidmap.NumericalError, match="no polycube was found") as raised:
+        solidmap.polycube(tets, labels=labels)
+    best = raised.value.best_attempt
+    assert best.polycube.cells.shape == best.model.cells.shape and best.places[0]["cells"] > 0
+    assert best.model.volume == pytest.approx(10)
+    assert set(best.polycube.cell_data["bad"]) == {0.0, 1.0} and best.model.cell_data["label"].min() == -1
+    assert "bad places" in repr(best) and solidmap.NumericalError("other").best_attempt is None
 
 
 @needs_native
@@ -170,6 +248,8 @@ def test_polycubes_carry_hexahedra():
     assert (facing > 0).all(), "each triangle faces along its label"
     f = solidmap.fit(made.surface, images=made.image)
     assert f.remesh(kind="hex", cells=12).kind == "hexes"
+    labels = made.labels_of(torus.faces)
+    assert set(labels) == set(range(6)) and np.array_equal(labels, pickle.loads(pickle.dumps(made)).labels_of(torus.faces[:, ::-1]))
     again = solidmap.polycube(made.image_tets, labels=None)
     assert again.report.tets >= made.report.tets
     with pytest.raises(solidmap.InvalidInputError, match="labels has the dtype"):
@@ -241,3 +321,67 @@ def test_a_build_without_cgal_and_tetgen_says_what_to_do(ball, tets, f):
             call()
     assert solidmap.check(ball).self_intersections["status"] == "not_checked"
     assert f.make_bijective(mesh=tets).bijective.boundary == "not_checked"
+
+
+def test_a_material_moves_with_the_frames(ball, tets):
+    material = solidmap.Mesh(0.9 * tets.points, tets.cells)
+    material.point_data["fibre"] = np.tile([1.0, 0, 0], (len(tets.points), 1))
+    material.cell_data["organ"] = np.arange(len(tets.cells))
+    frames = [ball.points * [1 + 0.5 * k, 1, 1] for k in range(2)] + [ball.points[:4]]
+    found = solidmap.sequence(ball, frames, material=material, resolution=8)
+    first, second, skipped = found.material
+    assert skipped is None and first.report is None
+    assert np.allclose(second.points, material.points * [1.5, 1, 1], atol=1e-2)
+    assert np.allclose(second.point_data["fibre"], [1.5, 0, 0], atol=0.05)
+    assert np.array_equal(second.to_mesh().cell_data["organ"], material.cell_data["organ"])
+    assert np.array_equal(pickle.loads(pickle.dumps(found)).material[1].points, second.points)
+    only_points = solidmap.sequence(ball, frames[:1], material=material.points[:5], resolution=8)
+    assert only_points.material[0].points.shape == (5, 3) and only_points.material[0].cells is None
+    assert solidmap.sequence(ball, frames[:1], resolution=8).material is None
+
+
+def test_volumes_of_textures_are_those_of_the_program(program, ball, f, tmp_path):
+    made = solidmap.texture(ball, colours=(ball.points + 1) / 2, sources=200)
+    volume = made.volume(resolution=16)
+    inside = volume.rgba[..., 3] == 255
+    assert volume.inside == inside.sum() and volume.inside / inside.size == pytest.approx(np.pi / 6, rel=0.05)
+    # Layers along z: blue grows with them.
+    centre = volume.rgba[:, 8, 8]
+    assert (np.diff(centre[centre[:, 3] > 0, 2].astype(int)) >= 0).all() and centre[-1, 2] > centre[0, 2] + 100
+    points = volume.origin + volume.spacing * np.array([8, 8, 8])
+    assert np.array_equal(made(points)[0], volume.rgba[8, 8, 8, :3])
+    made.save(tmp_path / "texture.safetensors")
+    volume.save(tmp_path / "mine.vti")
+    program("texture", tmp_path / "texture.safetensors", "-o", tmp_path / "its.vti", "--resolution", 16)
+    assert (tmp_path / "mine.vti").read_bytes() == (tmp_path / "its.vti").read_bytes()
+    carried = made.volume(resolution=16, through=f)
+    assert carried.rgba.shape[2] == 16 and carried.rgba.shape[0] < 16, "the target is twice as long along x"
+    with pytest.raises(solidmap.InvalidInputError, match="must end in .vti"):
+        volume.save(tmp_path / "volume.png")
+
+
+def test_fields_are_written_as_the_program_writes_them(program, ball, images, f, tmp_path):
+    meshio = pytest.importorskip("meshio")
+    f.save(tmp_path / "map.safetensors")
+    solidmap.Surface(ball.points, ball.faces).save(tmp_path / "ball.obj")
+    f.boundary.save(tmp_path / "boundary.safetensors")
+    f.energy(resolution=8, vtu=tmp_path / "mine.vtu")
+    program("energy", tmp_path / "map.safetensors", "--vtu", tmp_path / "its.vtu", "--resolution", 8)
+    assert (tmp_path / "mine.vtu").read_bytes() == (tmp_path / "its.vtu").read_bytes()
+    f.save_fields(tmp_path / "fit.vtu")
+    fields = meshio.read(tmp_path / "fit.vtu").point_data
+    assert np.allclose(fields["image"], images) and np.allclose(fields["mapped"], f(ball.points))
+    assert np.allclose(fields["error"], np.linalg.norm(f(ball.points) - images, axis=1))
+    f.boundary.save_fields(tmp_path / "boundary.vtk")
+    assert "area ratio" in " ".join(meshio.read(tmp_path / "boundary.vtk").cell_data).replace("_", " ")
+    for call in (f.save_fields, f.boundary.save_fields, lambda path: f.energy(vtu=path)):
+        with pytest.raises(solidmap.InvalidInputError, match="must end in .vtu or .vtk"):
+            call(tmp_path / "fields.csv")
+    proof = f.certify(undecided=0.1, cells=True)
+    program("certify", tmp_path / "map.safetensors", "-o", tmp_path / "proof.vtu", "--undecided", 0.1)
+    its = meshio.read(tmp_path / "proof.vtu")
+    assert np.array_equal(its.cells[0].data, proof.mesh.cells) and np.allclose(its.points, proof.mesh.points)
+    for name, values in proof.mesh.cell_data.items():
+        assert np.array_equal(its.cell_data[name][0], values), name
+    assert (proof.mesh.cell_data["verdict"] == 1).any() and f.certify(undecided=0.1).mesh is None
+    assert len(pickle.loads(pickle.dumps(proof)).mesh.cells) == len(proof.mesh.cells)

@@ -133,6 +133,51 @@ def test_a_run_that_is_ended_goes_on_where_it_stopped(tmp_path):
     assert sorted(cases, key=int) == [str(k) for k in range(30)]
 
 
+def test_dask_arrays_of_points_are_mapped_block_by_block(client):
+    da = pytest.importorskip("dask.array")
+    ball = solidmap.shapes.sphere(levels=2)
+    f = solidmap.fit(ball, images=ball.points * [2, 1, 1], tolerance=1e-2)
+    points = da.from_array(0.5 * ball.points, chunks=(50, 3))
+    mapped = f(points)
+    assert isinstance(mapped, da.Array) and mapped.dtype == np.float64
+    assert mapped.shape == points.shape and mapped.chunks == points.chunks
+    assert np.allclose(mapped.compute(), f(0.5 * ball.points))
+    # Coordinates in blocks of their own.
+    jacobians = f.jacobian(points.rechunk((50, 1)), map="harmonic")
+    assert jacobians.shape == (*points.shape, 3) and jacobians.chunks == (points.chunks[0], (3,), (3,))
+    assert np.allclose(jacobians.compute(), f.jacobian(0.5 * ball.points))
+    with pytest.raises(solidmap.InvalidInputError, match=r"points has the shape \(162, 2\)"):
+        f(points[:, :2])
+
+
+def test_rows_are_written_as_parquet_too(client, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    ball = solidmap.shapes.sphere(levels=1)
+    cases = [*pairs_of(ball, 2), (ball, ball.points[:4])]
+    rows = solidmap.dask.fit_many(cases, client, output=tmp_path, table="parquet", tolerance=0.1, save_maps=False)
+    table = parquet.read_table(tmp_path / "rows.parquet").to_pydict()
+    assert table["case"] == ["0", "1", "2"] and table["error_type"] == [None, None, "InvalidInputError"]
+    assert table["boundary_error.rms"] == [*(row["boundary_error"]["rms"] for row in rows[:2]), None]
+    assert not (tmp_path / "rows.parquet.part").exists()
+
+
+def test_workers_keep_the_memory_that_maps_free(client):
+    def faults(_=None):
+        import resource
+
+        import solidmap
+
+        ball = solidmap.shapes.sphere(levels=3)
+        for k in range(4):
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+            solidmap.fit(ball, images=ball.points * [1 + 0.1 * k, 1, 1])
+        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+    # With the threshold that Dask sets, each map took all its memory from the system again, a page at a time: some 20 000
+    # times.
+    assert client.submit(faults, pure=False).result() < 5000
+
+
 def test_names_are_unique_and_cases_are_pairs(client):
     ball = solidmap.shapes.sphere(levels=1)
     with pytest.raises(solidmap.InvalidInputError, match="two cases have the name 'a'"):
@@ -161,6 +206,10 @@ def test_frames_on_a_cluster_have_the_energies_of_one_process(client, tmp_path):
     for row, expected in zip(rows[:-1], alone.frames):
         assert row["deformation_energy"] == pytest.approx(expected.deformation_energy, rel=1e-3, abs=1e-12)
     assert "4" in rows[-1]["skipped"]
+    with pytest.raises(solidmap.InvalidInputError, match="resolution"):
+        solidmap.dask.sequence(ball, frames, client, resolution=-1)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'material'"):
+        solidmap.dask.sequence(ball, frames, client, material=ball.points)
     failed = solidmap.dask.sequence((ball.points, ball.faces[1:]), frames[:4], client, frames_per_block=2)
     assert len(failed) == 4 and all("open" in row["skipped"] or "closed" in row["skipped"] for row in failed)
 

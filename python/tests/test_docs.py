@@ -18,7 +18,19 @@ FLAGS = {
     "DASK": importlib.util.find_spec("distributed") is not None,
 }
 NUMBERS = {name: doctest.register_optionflag(name) for name in FLAGS}
-MODULES = ["", ".boundary", ".shapes", ".plot", ".dask", "._applications", "._map", "._meshes", "._polycube"]
+MODULES = [
+    "",
+    ".boundary",
+    ".shapes",
+    ".plot",
+    ".dask",
+    "._applications",
+    "._fields",
+    "._fit",
+    "._map",
+    "._meshes",
+    "._polycube",
+]
 
 
 def examples():

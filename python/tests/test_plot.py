@@ -69,6 +69,38 @@ def test_histograms_count_what_they_say(f, tets):
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 4
 
 
+def test_certificates_show_what_is_proved(ball, f):
+    image = picture(f.certify(undecided=0.1, cells=True).plot(off_screen=True, window_size=SIZE, show_edges=False))
+    drawn = require_drawing(image)
+    blue = image[drawn][:, 2] > image[drawn][:, 0] + 30
+    assert blue.mean() > 0.3, "most is proved"
+    folded = solidmap.fit(ball, images=ball.points * np.where(ball.points[:, :1] > 0, [1.0, 1, 1], [-0.5, 1, 1]))
+    image = picture(folded.certify(undecided=0.2, cells=True).plot(off_screen=True, window_size=SIZE, clip="y"))
+    drawn = require_drawing(image)
+    assert (image[drawn][:, 0] > image[drawn][:, 2] + 60).mean() > 0.05, "a part is folded"
+    with pytest.raises(solidmap.InvalidInputError, match="has no cells"):
+        f.certify(undecided=0.5).plot(off_screen=True)
+
+
+def test_textures_are_drawn_cut_open(ball, f):
+    made = solidmap.texture(ball, colours=(ball.points + 1) / 2, sources=200)
+    whole = picture(made.plot(off_screen=True, window_size=SIZE, clip=None, resolution=24))
+    cut = picture(made.plot(off_screen=True, window_size=SIZE, clip="x", resolution=24))
+    require_drawing(whole), require_drawing(cut)
+    assert np.abs(whole - cut).mean() > 1
+    require_drawing(picture(made.plot(off_screen=True, window_size=SIZE, resolution=24, through=f)))
+
+
+def test_sequences_are_drawn_as_curves(ball):
+    frames = [ball.points * [1 + 0.1 * abs(np.sin(k)), 1, 1] for k in range(6)] + [ball.points[:4]]
+    found = solidmap.sequence(ball, frames, resolution=8, fps=2)
+    axes = found.plot()
+    curve = axes.lines[0]
+    assert np.allclose(curve.get_xdata(), np.arange(7) / 2)
+    assert np.allclose(curve.get_ydata(), found.energies, equal_nan=True) and np.isnan(curve.get_ydata()[-1])
+    assert found.plot(by="harmonic_energy", axes=axes) is axes and len(axes.lines) == 2
+
+
 def test_what_cannot_be_drawn_is_refused(f, tets):
     for call, words in [
         (lambda: f.plot(clip="w", off_screen=True), 'clip is \'w\', but must be one of "x", "y", "z"'),
