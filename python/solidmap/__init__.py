@@ -137,7 +137,8 @@ if HAS_NATIVE and _sys.executable:
     _native.isolate(_sys.executable, ["-I", "-S", "-c", _WORKER.format(path=_native.__file__)])
 
 # What Dask sets for its workers (``distributed.nanny.pre-spawn-environ``): their allocator gives memory back at once, and
-# takes it again for each sum, which costs maps of some thousand vertices a third more time. Another number is a user's own.
+# takes it again for each sum, which costs maps of some thousand vertices two thirds more CPU time (``benches/memory.py``).
+# Another number is a user's own.
 if "distributed" in _sys.modules and _os.environ.get("MALLOC_TRIM_THRESHOLD_") == "65536":
     _native.keep_freed_memory()
 
