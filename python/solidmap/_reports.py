@@ -820,6 +820,7 @@ class Comparison(Report):
     equal_accuracy: List[ComparedMap]
     mesh_study: List[MeshStudy]
     sequence: List[TimedFrames]
+    warnings: List[str]
 
     def __getitem__(self, name: str) -> ComparedMap:
         for row in self.methods:
@@ -840,6 +841,7 @@ class Comparison(Report):
                     f"{significant(row.harmonic_energy, 5)}   folded {percent(row.folded_fraction or 0.0)}",
                 )
             )
+        rows.extend(("warning", warning) for warning in self.warnings)
         return rows
 
 

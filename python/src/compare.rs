@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 use solidmap::baseline::{DescentOptions, HarmonicOptions};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::compare::{
-    BuildOptions, ComparedMethod, EvaluationOptions, InteriorImages, MapEvaluator, MapFigures, MeshSpec, TetMesher,
-    Variation, build, equal_accuracy, frame_timings, measured_map, outward, reference, spread,
+    BuildOptions, CompareError, ComparedMethod, EvaluationOptions, InteriorImages, MapEvaluator, MapFigures, MeshSpec,
+    Reference, TetMesher, Variation, build, equal_accuracy, frame_timings, measured_map, outward, reference, spread,
 };
 use solidmap::energy::volmap_metrics;
 use solidmap::fit::{FitMethod, FitOptions};
@@ -86,6 +86,7 @@ pub fn compare(
     let frames: Vec<Arc<SurfaceMesh>> = frames.iter().map(|frame| Arc::clone(&frame.0)).collect();
     run(py, progress, None, move |watch| {
         let boundary = outward(file.boundary.clone())?;
+        let frames = Frames::of(boundary.domain(), &frames)?;
         watch.tell_or_unwind(|| step("placing sample points"));
         let options = EvaluationOptions {
             resolution: arguments.resolution,
@@ -103,13 +104,18 @@ pub fn compare(
             reference: None,
             watch,
         };
-        let mut found = json!({ "reference": null });
+        let mut found = json!({ "reference": null, "warnings": [] });
         if !arguments.no_reference {
-            let fit = compared.options(&compared.variation(ComparedMethod::Mfs)).fit;
-            let tell = |what: String| watch.tell_or_unwind(|| step(&format!("reference: {what}")));
-            let (made, report) = reference(&boundary, &fit, &evaluator, &tell)?;
-            compared.reference = Some(evaluator.interior_images(&made.map)?);
-            found["reference"] = value_of(&report)?;
+            match compared.or_text(compared.make_reference())? {
+                Ok((images, report)) => {
+                    compared.reference = Some(images);
+                    found["reference"] = value_of(&report)?;
+                }
+                Err(error) => {
+                    let warning = format!("no reference could be made, so maps are not compared inside: {error}");
+                    found["warnings"] = json!([warning]);
+                }
+            }
         }
         let rows: Vec<Row> = methods
             .iter()
@@ -121,6 +127,32 @@ pub fn compare(
         found["sequence"] = compared.sequence(&methods, &frames)?;
         Ok(found.to_string())
     })
+}
+
+/// Boundary maps to frames, and why other frames were skipped.
+struct Frames {
+    maps: Vec<BoundaryMap>,
+    skipped: Vec<String>,
+}
+
+impl Frames {
+    /// None at all, or some that can be used.
+    fn of(domain: &SurfaceMesh, frames: &[Arc<SurfaceMesh>]) -> Result<Self, Failure> {
+        let (mut maps, mut skipped) = (vec![], vec![]);
+        for (number, frame) in frames.iter().enumerate() {
+            match BoundaryMap::between(domain.clone(), frame) {
+                Ok(map) => maps.push(map),
+                Err(error) => skipped.push(format!("frame {number}: {error}")),
+            }
+        }
+        if maps.is_empty() && !skipped.is_empty() {
+            return Err(Failure::invalid(format!(
+                "frames has none that can be used: {}",
+                skipped.join("; ")
+            )));
+        }
+        Ok(Self { maps, skipped })
+    }
 }
 
 /// A method, and its figures or why there are none.
@@ -199,6 +231,13 @@ impl Compared<'_> {
         }
     }
 
+    fn make_reference(&self) -> Result<(InteriorImages, Reference), CompareError> {
+        let fit = self.options(&self.variation(ComparedMethod::Mfs)).fit;
+        let tell = |what: String| self.watch.tell_or_unwind(|| step(&format!("reference: {what}")));
+        let (made, report) = reference(self.boundary, &fit, self.evaluator, &tell)?;
+        Ok((self.evaluator.interior_images(&made.map)?, report))
+    }
+
     fn row(&self, varied: &Variation) -> Result<Row, Failure> {
         let method = varied.method;
         let tell = |what: String| {
@@ -220,10 +259,9 @@ impl Compared<'_> {
         }
         let of_mfs = rows.iter().find(|row| row.method == ComparedMethod::Mfs);
         let goal = of_mfs.and_then(|row| Some((row, row.figures()?.interior_difference?.rms)));
+        // The map by mfs or the reference failed, which is told there.
         let Some((mfs, goal)) = goal else {
-            return Err(Failure::invalid(
-                "equal_accuracy compares finite elements with mfs, which must be among methods and have a reference",
-            ));
+            return Ok(json!([]));
         };
         let base = self.variation(ComparedMethod::Mfs);
         let mut run = |varied: &Variation| self.row(varied);
@@ -253,23 +291,9 @@ impl Compared<'_> {
         Ok(Value::from(studies))
     }
 
-    fn sequence(&self, methods: &[ComparedMethod], frames: &[Arc<SurfaceMesh>]) -> Result<Value, Failure> {
-        if frames.is_empty() {
+    fn sequence(&self, methods: &[ComparedMethod], frames: &Frames) -> Result<Value, Failure> {
+        if frames.maps.is_empty() {
             return Ok(json!([]));
-        }
-        let domain = self.boundary.domain();
-        let (mut maps, mut skipped) = (vec![], vec![]);
-        for (number, frame) in frames.iter().enumerate() {
-            match BoundaryMap::between(domain.clone(), frame) {
-                Ok(map) => maps.push(map),
-                Err(error) => skipped.push(format!("frame {number}: {error}")),
-            }
-        }
-        if maps.is_empty() {
-            return Err(Failure::invalid(format!(
-                "frames has none that can be used: {}",
-                skipped.join("; ")
-            )));
         }
         let mut rows = vec![];
         for &method in methods.iter().filter(|method| method.is_prepared()) {
@@ -278,12 +302,12 @@ impl Compared<'_> {
                     .tell_or_unwind(|| step(&format!("sequence, {}: {what}", method.name())))
             };
             let options = self.options(&self.variation(method));
-            let mut row = match self.or_text(frame_timings(self.boundary, &maps, &options, &tell))? {
+            let mut row = match self.or_text(frame_timings(self.boundary, &frames.maps, &options, &tell))? {
                 Ok(timings) => value_of(&timings)?,
                 Err(error) => json!({ "error": error }),
             };
             row["method"] = json!(method.name());
-            row["skipped"] = json!(skipped);
+            row["skipped"] = json!(frames.skipped);
             rows.push(row);
         }
         Ok(Value::from(rows))

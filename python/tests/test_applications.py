@@ -160,6 +160,14 @@ def test_methods_are_compared_alike(ball, images, tets):
         found["variational"]
     with pytest.raises(solidmap.InvalidInputError, match="equal_accuracy compares"):
         solidmap.compare(boundary, methods=["mfs"], equal_accuracy=True, no_reference=True)
+    # Methods that need no reference are measured without one, too.
+    found = solidmap.compare(
+        boundary, methods=["mfs", "mean_value"], resolution=8, interior=100, memory=1000, equal_accuracy=True
+    )
+    assert found.reference is None and "no reference could be made" in found.warnings[0]
+    assert "memory" in found["mfs"].error and found["mean_value"].folded_fraction == 0 and found.equal_accuracy == []
+    with pytest.raises(solidmap.InvalidInputError, match="frames has none that can be used: frame 0"):
+        solidmap.compare(boundary, methods=["mfs"], frames=[(ball.points, ball.faces[1:])])
 
 
 def test_a_comparison_studies_source_distances_and_times_frames(ball, images, tets):
