@@ -66,3 +66,68 @@ impl IntrinsicShape {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+    use crate::mesh::{SurfaceMesh, shapes, triangle_area};
+    use crate::spherical::{Locator, SphericalEmbedding};
+    use crate::{Point, Vector};
+
+    /// A ball with three limbs, star-shaped.
+    fn star(lengths: [f64; 3]) -> SurfaceMesh {
+        let limbs = [[1.0, 0.2, 0.1], [-0.6, 0.9, 0.0], [-0.1, -0.4, 1.0]].map(|d| Vector::from(d).normalize());
+        let radius = |x: &Vector| {
+            let limb = |(d, length): (&Vector, f64)| length * (-18.0 * (1.0 - x.dot(d))).exp();
+            1.0 + limbs.iter().zip(lengths).map(limb).sum::<f64>()
+        };
+        shapes::deformed(&shapes::sphere(1.0, 4), |p| p * radius(&p.coords.normalize()))
+    }
+
+    /// The defect of the map that turns directions, from a star to another.
+    fn defect_of_turn(from: &SurfaceMesh, to: &SurfaceMesh, turn: &Rotation3<f64>) -> f64 {
+        let directions: Vec<Vector> = to.vertices().iter().map(|p| p.coords.normalize()).collect();
+        let locator = Locator::new(&SphericalEmbedding::new(to.clone(), &directions).unwrap());
+        let mut areas = vec![0.0; from.vertices().len()];
+        for t in from.triangles() {
+            let area = triangle_area(&t.map(|v| from.vertices()[v as usize]));
+            t.iter().for_each(|&v| areas[v as usize] += area / 3.0);
+        }
+        let mapped = |(vertex, p): (u32, &Point)| {
+            let place = locator.locate(&(turn * p.coords));
+            let corners = to.triangles()[place.triangle as usize];
+            MappedVertex {
+                vertex,
+                area: areas[vertex as usize],
+                image: std::array::from_fn(|k| (corners[k], place.barycentric[k])),
+            }
+        };
+        let [from_shape, to_shape] = [from, to].map(|surface| IntrinsicShape::new(surface, 60, &|| true).unwrap());
+        isometry_defect(&from_shape, &to_shape, (0..).zip(from.vertices()).map(mapped)).unwrap()
+    }
+
+    #[test]
+    fn an_isometry_has_no_defect_and_limbs_on_other_limbs_have_much() {
+        let lengths = [2.0, 1.6, 1.3];
+        let own = star(lengths);
+        let none = Rotation3::identity();
+        let identity = defect_of_turn(&own, &own, &none);
+        assert!(identity < 1e-12, "{identity}");
+        let [a, b] = [[1.0, 0.2, 0.1], [-0.6, 0.9, 0.0]].map(Vector::from);
+        let to_other_limb = Rotation3::rotation_between(&a, &b).unwrap();
+        let wrong = defect_of_turn(&own, &own, &to_other_limb);
+        let longer = defect_of_turn(&own, &star([2.1, 1.6, 1.25]), &none);
+        assert!(longer < 0.05 && wrong > 0.2, "{longer} {wrong}");
+    }
+
+    #[test]
+    fn size_and_place_do_not_matter() {
+        let (own, other) = (star([2.0, 1.6, 1.3]), star([1.8, 1.6, 1.5]));
+        let turn = Rotation3::from_euler_angles(0.2, -0.1, 0.3);
+        let scaled = shapes::deformed(&other, |p| p * 30.0);
+        let [plain, scaled] = [&other, &scaled].map(|to| defect_of_turn(&own, to, &turn));
+        assert!((plain - scaled).abs() < 1e-6 * plain, "{plain} {scaled}");
+    }
+}
