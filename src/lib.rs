@@ -77,6 +77,7 @@ pub mod solver;
 pub mod spherical;
 pub mod statistics;
 pub mod texture;
+pub mod toroidal;
 pub mod transfer;
 pub mod worst_places;
 

@@ -15,6 +15,7 @@
 use nalgebra::SMatrix;
 use rayon::prelude::*;
 
+use super::curvature::Curvature;
 use super::rest_shape::{RestShape, RestShapes};
 use crate::geometry::orientation;
 use crate::{Point, Vector};
@@ -36,11 +37,21 @@ pub(crate) struct DistortionEnergy<'a> {
     pub(crate) weights: EnergyWeights,
 }
 
-/// A function that Newton's method minimises over spherical embeddings: a sum over triangles that is infinite unless
-/// they are all positive.
+/// A function that Newton's method minimises over embeddings: a sum over triangles that is infinite unless they are all
+/// positive.
 pub(crate) trait Objective: Sync {
     /// The triangles of the sum.
     fn triangles(&self) -> &[[u32; 3]];
+
+    /// The surface that vertices lie on.
+    fn curvature(&self) -> Curvature {
+        Curvature::Spherical
+    }
+
+    /// The corners of a triangle, from the positions of all vertices: on a torus, side by side in its universal cover.
+    fn corners(&self, triangle: usize, x: &[Vector]) -> [Vector; 3] {
+        self.triangles()[triangle].map(|v| x[v as usize])
+    }
 
     /// The value; infinite when a triangle is inverted or flat (decided exactly), or anything is not finite.
     fn value(&self, x: &[Vector]) -> f64;

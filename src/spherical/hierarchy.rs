@@ -1,4 +1,5 @@
-//! Progressive simplification of a surface of genus 0 to a tetrahedron, and the inverse vertex insertions.
+//! Progressive simplification of a closed surface, down to a tetrahedron where its genus is 0, and the inverse vertex
+//! insertions.
 //!
 //! Half-edge collapses under the link condition (Dey, Edelsbrunner, Guha, Nekhayev, *Topology preserving edge
 //! contraction*, 1999) keep the topology. They are grouped in levels: the vertices that a level removes are an
@@ -19,11 +20,11 @@ const MAX_VALENCE: usize = 8;
 /// Collapses that leave a vertex of higher valence are made only when there is no other.
 const MAX_VALENCE_AFTER: usize = 12;
 
-/// The collapses from a surface to a tetrahedron.
+/// The collapses from a surface to a coarse one.
 #[derive(Debug, Clone)]
 pub(crate) struct Hierarchy {
-    /// The triangles of the tetrahedron at the bottom.
-    pub base: [[u32; 3]; 4],
+    /// The triangles of the coarsest surface.
+    pub base: Vec<[u32; 3]>,
     /// Number of vertices of the surface.
     pub vertices: usize,
     removed: Vec<u32>,
@@ -40,6 +41,8 @@ pub(crate) struct Insertion<'a> {
     pub vertex: u32,
     /// Its neighbours, counter-clockwise; the triangles that it replaces are a fan about the first.
     pub ring: &'a [u32],
+    /// Where the ring begins when the rings of all removed vertices are put one after the other, in the order of removal.
+    pub first: usize,
 }
 
 impl Hierarchy {
@@ -49,10 +52,10 @@ impl Hierarchy {
     /// vertex can be removed, which does not happen for such a surface.
     pub fn new(points: &[Point], triangles: &[[u32; 3]], late: &[u32]) -> Option<Self> {
         let mut coarsening = Coarsening::new(points, triangles, late);
-        coarsening.run()?;
+        coarsening.run(4)?;
         let v = coarsening.rings.iter().position(|ring| !ring.is_empty())?;
         let (v, ring) = (v as u32, &coarsening.rings[v]);
-        let base = [
+        let base = vec![
             [v, ring[0], ring[1]],
             [v, ring[1], ring[2]],
             [v, ring[2], ring[0]],
@@ -64,14 +67,37 @@ impl Hierarchy {
         })
     }
 
+    /// As [`Self::new`], for a surface of any genus: removes vertices until `least` are left, or none can be removed.
+    pub fn with_least(points: &[Point], triangles: &[[u32; 3]], least: usize) -> Self {
+        let mut coarsening = Coarsening::new(points, triangles, &[]);
+        // Ends early where no vertex can be removed.
+        let _ = coarsening.run(least.max(4));
+        let base = VertexRings {
+            rings: coarsening.rings,
+        };
+        Self {
+            base: base.triangles(),
+            ..coarsening.record
+        }
+    }
+
     /// The levels, coarsest first, each as its vertices in the order of insertion.
     pub fn refinements(&self) -> impl Iterator<Item = impl Iterator<Item = Insertion<'_>>> {
-        self.levels.windows(2).rev().map(|level| {
-            (level[0]..level[1]).rev().map(|i| Insertion {
-                vertex: self.removed[i],
-                ring: &self.rings[self.first[i]..self.first[i + 1]],
-            })
-        })
+        let levels = self.levels.windows(2).rev();
+        levels.map(|level| (level[0]..level[1]).rev().map(|i| self.insertion(i)))
+    }
+
+    /// The insertions that undo the collapses, in the order of the collapses.
+    pub fn collapses(&self) -> impl Iterator<Item = Insertion<'_>> {
+        (0..self.removed.len()).map(|i| self.insertion(i))
+    }
+
+    fn insertion(&self, i: usize) -> Insertion<'_> {
+        Insertion {
+            vertex: self.removed[i],
+            ring: &self.rings[self.first[i]..self.first[i + 1]],
+            first: self.first[i],
+        }
     }
 }
 
@@ -154,7 +180,7 @@ impl<'a> Coarsening<'a> {
             is_late,
             double_area: triangles.iter().map(double_area).sum::<f64>().max(f64::MIN_POSITIVE),
             record: Hierarchy {
-                base: [[0; 3]; 4],
+                base: Vec::new(),
                 vertices: points.len(),
                 removed: Vec::new(),
                 rings: Vec::new(),
@@ -164,13 +190,14 @@ impl<'a> Coarsening<'a> {
         }
     }
 
-    fn run(&mut self) -> Option<()> {
+    fn run(&mut self, least: usize) -> Option<()> {
         let mut left: Vec<u32> = (0..self.points.len() as u32).collect();
         let mut locked = vec![false; self.points.len()];
         let mut most_valence = MAX_VALENCE;
         let mut with_late = false;
-        while left.len() > 4 {
-            let taken = self.take_level(&left, &mut locked, most_valence, with_late);
+        while left.len() > least {
+            let most = (left.len() / SHARE).max(1).min(left.len() - least);
+            let taken = self.take_level(&left, &mut locked, most_valence, with_late, most);
             if taken > 0 {
                 self.record.levels.push(self.record.removed.len());
                 left.retain(|&v| !self.rings[v as usize].is_empty());
@@ -193,14 +220,20 @@ impl<'a> Coarsening<'a> {
         Some(())
     }
 
-    /// Removes an independent set of vertices, those of the lowest priority first. Returns their number.
-    fn take_level(&mut self, left: &[u32], locked: &mut [bool], most_valence: usize, with_late: bool) -> usize {
+    /// Removes an independent set of up to `most` vertices, those of the lowest priority first. Returns their number.
+    fn take_level(
+        &mut self,
+        left: &[u32],
+        locked: &mut [bool],
+        most_valence: usize,
+        with_late: bool,
+        most: usize,
+    ) -> usize {
         let candidates = left
             .par_iter()
             .filter(|&&v| self.rings[v as usize].len() <= most_valence && (with_late || !self.is_late[v as usize]));
         let mut queue: Vec<(i64, u32)> = candidates.map(|&v| (self.priority(v), v)).collect();
         queue.par_sort_unstable();
-        let most = (left.len() / SHARE).max(1).min(left.len() - 4);
         let mut taken = 0;
         for (_, v) in queue {
             if taken == most {

@@ -35,7 +35,7 @@ struct Triangle {
     normals: [Vector; 3],
     /// A bound above the rounding errors of these products.
     noise: f64,
-    /// Indices of the triangles across the sides opposite to the corners.
+    /// Indices of the triangles across the sides opposite to the corners, or `u32::MAX`.
     neighbours: [u32; 3],
     /// Index in the surface.
     index: u32,
@@ -71,20 +71,32 @@ impl Locator {
         let corners = |t: &[u32; 3]| t.map(|v| directions[v as usize]);
         let triangles = surface.triangles().par_iter();
         let boxes: Vec<Aabb> = triangles.map(|t| geodesic_box(&corners(t))).collect();
-        let tree = Bvh::new(&boxes);
-        let mut leaf_of_triangle = vec![0; boxes.len()];
-        for (place, &t) in tree.order().iter().enumerate() {
-            leaf_of_triangle[t as usize] = place as u32;
-        }
         let topology = Topology::new(surface);
         let across = |t: u32, side: usize| {
             let edges = topology.edges_of_triangle(t as usize).expect("three vertices");
             let mut sides = topology.sides(edges[side] as usize).iter();
             let other = sides.find(|side| side.triangle != t).expect("a closed surface");
-            leaf_of_triangle[other.triangle as usize]
+            other.triangle
         };
+        let corners = |t: u32| corners(&surface.triangles()[t as usize]);
+        Self::of_corners(&boxes, corners, across)
+    }
+
+    /// Prepares the search among positive triangles with these boxes and corners; `across` gives the triangle beyond the
+    /// side from corner `k` to the next, `u32::MAX` where there is none.
+    pub(crate) fn of_corners(
+        boxes: &[Aabb],
+        corners: impl Fn(u32) -> [Vector; 3] + Sync,
+        across: impl Fn(u32, usize) -> u32 + Sync,
+    ) -> Self {
+        let tree = Bvh::new(boxes);
+        let mut leaf_of_triangle = vec![0; boxes.len()];
+        for (place, &t) in tree.order().iter().enumerate() {
+            leaf_of_triangle[t as usize] = place as u32;
+        }
+        let leaf = |t: u32| leaf_of_triangle.get(t as usize).copied().unwrap_or(u32::MAX);
         let triangle = |&t: &u32| {
-            let corners = corners(&surface.triangles()[t as usize]);
+            let corners = corners(t);
             let [a, b, c] = corners;
             let normals = [b.cross(&(c - b)), c.cross(&(a - c)), a.cross(&(b - a))];
             Triangle {
@@ -92,7 +104,7 @@ impl Locator {
                 normals,
                 noise: NOISE * normals.iter().map(Vector::norm).fold(0.0, f64::max),
                 // Side `k` runs from corner `k` to the next, opposite to the one before.
-                neighbours: [1, 2, 0].map(|side| across(t, side)),
+                neighbours: [1, 2, 0].map(|side| leaf(across(t, side))),
                 index: t,
             }
         };
@@ -139,10 +151,10 @@ impl Locator {
     }
 
     /// `None` when the walk is too long or the point is on an edge up to rounding.
-    fn walk(&self, x: &Vector, hint: u32) -> Option<SurfacePoint> {
+    pub(crate) fn walk(&self, x: &Vector, hint: u32) -> Option<SurfacePoint> {
         let mut at = *self.leaf_of_triangle.get(hint as usize)?;
         for _ in 0..MAX_WALK {
-            let triangle = &self.triangles[at as usize];
+            let triangle = self.triangles.get(at as usize)?;
             let products = triangle.normals.map(|normal| normal.dot(x));
             let farthest = if products[1] < products[0] { 1 } else { 0 };
             let farthest = if products[2] < products[farthest] { 2 } else { farthest };
@@ -163,7 +175,8 @@ impl Locator {
         None
     }
 
-    fn search(&self, x: &Vector) -> SurfacePoint {
+    /// The point at `x`, from the triangle whose smallest barycentric coordinate there is largest.
+    pub(crate) fn search(&self, x: &Vector) -> SurfacePoint {
         let mut best: Option<(f64, &Triangle, EdgeDeterminants)> = None;
         self.tree.visit_nearest(&Point::from(*x), 0.0, |leaf, limit| {
             for triangle in &self.triangles[leaf] {

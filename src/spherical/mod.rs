@@ -5,6 +5,7 @@
 
 mod cholesky;
 mod cmcf;
+mod curvature;
 mod distortion_energy;
 mod embedding_check;
 mod hierarchy;
@@ -19,20 +20,21 @@ mod ring_kernel;
 mod spherical_embedding;
 
 pub(crate) use cholesky::Cholesky;
+pub(crate) use curvature::Curvature;
 #[cfg(test)]
 pub(crate) use distortion_energy::tangents;
 pub(crate) use distortion_energy::{DistortionEnergy, ElementDerivatives, EnergyWeights, Objective};
 pub use embedding_check::{EmbeddingCheck, check_embedding};
-pub(crate) use hierarchy::{Hierarchy, VertexRings};
+pub(crate) use hierarchy::{Hierarchy, Insertion, VertexRings};
 pub use locate::Locator;
 pub use map_to_sphere::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
 pub(crate) use moebius::Moebius;
 pub(crate) use newton::{Newton, NewtonOptions};
 pub(crate) use progressive::PartialEmbedding;
-pub(crate) use relax::{Relaxation, newton_step};
+pub(crate) use relax::{Relaxation, RelaxationStar, better_place};
 pub(crate) use rest_shape::{RestShape, RestShapes};
-pub(crate) use ring_kernel::{det, positive_det};
-pub(crate) use spherical_embedding::require_scale;
+pub(crate) use ring_kernel::{det, point_in_kernel, positive_det};
+pub(crate) use spherical_embedding::{require_genus, require_scale};
 pub use spherical_embedding::{SphericalEmbedding, SphericalError, require_genus_0};
 
 /// Spherical embeddings for tests.

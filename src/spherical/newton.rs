@@ -1,6 +1,6 @@
-//! Newton's method for spherical embeddings.
+//! Newton's method for embeddings in the sphere or in a flat torus.
 //!
-//! Two unknowns per vertex in its tangent plane; after a step the vertex is normalised. Along a step the determinant of
+//! Two unknowns per vertex in its tangent plane; after a step on the sphere the vertex is normalised. Along a step the determinant of
 //! a triangle is a cubic polynomial times a positive factor, so that the longest step without an inverted triangle is
 //! known beforehand (as Smith & Schaefer, *Bijective parameterization with free boundaries*, ACM Trans. Graph. 34,
 //! 2015, do in the plane).
@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::cholesky::{Cholesky, OutOfMemory};
-use super::distortion_energy::{ElementDerivatives, Objective, is_positive, tangents};
+use super::distortion_energy::{ElementDerivatives, Objective, is_positive};
 use crate::Vector;
 
 /// When to stop.
@@ -158,7 +158,8 @@ impl Newton {
         };
         let mut shift = MIN_SHIFT;
         while report.iterations < options.most_iterations && should_continue() {
-            let frames: Vec<[Vector; 2]> = x.par_iter().map(tangents).collect();
+            let curvature = energy.curvature();
+            let frames: Vec<[Vector; 2]> = x.par_iter().map(|x| curvature.tangents(x)).collect();
             let gradient = self.assemble(energy, x, &frames);
             let Some(step) = self.descend(energy, x, &frames, &gradient, report.energy_after, &mut shift) else {
                 report.stop = NewtonStop::Stalled;
@@ -177,14 +178,14 @@ impl Newton {
     }
 
     /// The energy at the start, after checks.
-    fn start(&self, energy: &impl Objective, x: &mut [Vector]) -> Result<f64, NewtonError> {
+    fn start(&self, energy: &impl Objective, x: &[Vector]) -> Result<f64, NewtonError> {
         let corners = self.triangles.iter().flatten().copied();
         if let Some(vertex) = corners.filter(|&v| v as usize >= x.len()).max() {
             let directions = x.len();
             return Err(NewtonError::Count { vertex, directions });
         }
-        let is_flipped = |t: &[u32; 3]| !is_positive(&t.map(|v| x[v as usize]));
-        if let Some(triangle) = self.triangles.par_iter().position_first(is_flipped) {
+        let is_flipped = |t: usize| !is_positive(&energy.corners(t, x));
+        if let Some(triangle) = (0..self.triangles.len()).into_par_iter().position_first(is_flipped) {
             return Err(NewtonError::Flipped { triangle });
         }
         Some(energy.value(x))
@@ -271,20 +272,21 @@ impl Newton {
         before: f64,
         slope: f64,
     ) -> Option<AcceptedStep> {
-        let to_flip = self.triangles.par_iter().map(|t| {
-            let corners = t.map(|v| x[v as usize]);
+        let to_flip = self.triangles.par_iter().enumerate().map(|(i, t)| {
+            let corners = energy.corners(i, x);
             first_root(&determinant_along(&corners, &t.map(|v| tangent[v as usize])))
         });
         let mut length = (SHARE_OF_LONGEST * to_flip.reduce(|| f64::INFINITY, f64::min)).min(1.0);
         if length == 0.0 {
             return None;
         }
+        let curvature = energy.curvature();
         for _ in 0..MAX_HALVINGS {
             let moved = |(x, u): (&Vector, &Vector)| {
                 if *u == Vector::zeros() {
                     *x
                 } else {
-                    (x + u * length).normalize()
+                    curvature.step(x, &(u * length))
                 }
             };
             let directions: Vec<Vector> = x.par_iter().zip(tangent).map(moved).collect();

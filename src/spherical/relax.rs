@@ -7,7 +7,8 @@
 
 use smallvec::SmallVec;
 
-use super::distortion_energy::{EnergyWeights, tangents};
+use super::curvature::Curvature;
+use super::distortion_energy::EnergyWeights;
 use super::progressive::PartialEmbedding;
 use super::rest_shape::RestShape;
 use super::ring_kernel::{det, positive_det};
@@ -36,7 +37,7 @@ impl Relaxation<'_> {
                 }
                 self.gather(embedding, v, area_scale, &mut star);
                 let x = &embedding.directions[v as usize];
-                if let Some(x) = better_direction(x, &star, self.weights, (self.soft_target)(v)) {
+                if let Some(x) = better_place(Curvature::Spherical, x, &star, self.weights, (self.soft_target)(v)) {
                     embedding.directions[v as usize] = x;
                 }
             }
@@ -59,7 +60,7 @@ impl Relaxation<'_> {
 
 /// The neighbours of a vertex: their directions, and the rest shape of the triangle of the vertex, the neighbour and
 /// the next one.
-type RelaxationStar = SmallVec<[(Vector, RestShape); 12]>;
+pub(crate) type RelaxationStar = SmallVec<[(Vector, RestShape); 12]>;
 
 /// Energy of the triangles of a vertex at `x`; `None` when one of them is not positive.
 fn energy_at(x: &Vector, star: &RelaxationStar, weights: EnergyWeights) -> Option<f64> {
@@ -74,8 +75,9 @@ fn energy_at(x: &Vector, star: &RelaxationStar, weights: EnergyWeights) -> Optio
     Some(energy)
 }
 
-/// A direction of lower energy for the vertex at `x`, by a Newton step with backtracking; `None` when there is none.
-fn better_direction(
+/// A place of lower energy for the vertex at `x`, by a Newton step with backtracking; `None` when there is none.
+pub(crate) fn better_place(
+    curvature: Curvature,
     x: &Vector,
     star: &RelaxationStar,
     weights: EnergyWeights,
@@ -105,41 +107,14 @@ fn better_direction(
         gradient += 2.0 * weight * (x - to);
         hessian += Matrix3::identity() * (2.0 * weight);
     }
-    let step = newton_step(x, &gradient, &hessian)?;
+    let step = curvature.newton_step(x, &gradient, &hessian)?;
     let mut share = 1.0;
     for _ in 0..12 {
-        let to = (x + share * step).normalize();
+        let to = curvature.step(x, &(share * step));
         if value(&to).is_some_and(|after| after < before) {
             return Some(to);
         }
         share *= 0.5;
     }
     None
-}
-
-/// Newton's step in the tangent plane of the sphere at `x`, with the Hessian shifted to be positive definite.
-pub(crate) fn newton_step(x: &Vector, gradient: &Vector, hessian: &Matrix3) -> Option<Vector> {
-    let [s, t] = tangents(x);
-    let g = [s.dot(gradient), t.dot(gradient)];
-    // The curvature of the sphere turns a radial gradient into curvature of the function; only a positive one is kept.
-    let bend = (-x.dot(gradient)).max(0.0);
-    let (hs, ht) = (hessian * s, hessian * t);
-    let (a, b, c) = (s.dot(&hs) + bend, s.dot(&ht), t.dot(&ht) + bend);
-    // Shifted so that both eigenvalues are positive.
-    let (middle, radius) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
-    let floor = 1e-9 * middle.abs().max(radius);
-    let shift = floor + (radius - middle + 1e-3 * radius).max(0.0);
-    let (a, c) = (a + shift, c + shift);
-    let determinant = a * c - b * b;
-    if !(determinant > 0.0 && determinant.is_finite()) {
-        return None;
-    }
-    let step = [(b * g[1] - c * g[0]) / determinant, (b * g[0] - a * g[1]) / determinant];
-    let step = step[0] * s + step[1] * t;
-    // The quadratic model is of no use beyond a fraction of the radius.
-    let length = step.norm();
-    let most = 0.5;
-    length
-        .is_finite()
-        .then(|| if length > most { step * (most / length) } else { step })
 }

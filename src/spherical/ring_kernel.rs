@@ -41,7 +41,7 @@ pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
 ///
 /// The triangles that the vertex replaces are a fan about `ring[0]` and all positive, so that the kernel is not empty;
 /// `None` when it is empty up to rounding.
-pub(super) fn point_in_kernel(ring: &[Vector]) -> Option<Vector> {
+pub(crate) fn point_in_kernel(ring: &[Vector]) -> Option<Vector> {
     let is_inside = |x: &Vector| smallest_det(x, ring) > 0.0;
     let centre = (ring.len() <= MAX_SEARCHED).then(|| cap_centre(ring)).flatten();
     let middle = || -> Vector { ring.iter().sum::<Vector>().normalize() };

@@ -168,6 +168,11 @@ pub(super) fn unit(x: &Vector) -> Vector {
 /// Unless it is one closed, orientable manifold of genus 0 with finite vertices, all of them used. It may intersect
 /// itself.
 pub fn require_genus_0(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalError> {
+    require_genus(surface, 0)
+}
+
+/// As [`require_genus_0`], with another number of handles.
+pub(crate) fn require_genus(surface: &SurfaceMesh, wanted: u64) -> Result<SurfaceMesh, SphericalError> {
     if let Some(vertex) = surface.vertices().iter().position(|p| p.iter().any(|c| !c.is_finite())) {
         return Err(SphericalError::NonFinite { vertex });
     }
@@ -192,7 +197,7 @@ pub fn require_genus_0(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalEr
         });
     }
     match shape.genus() {
-        Some(0) => {}
+        Some(genus) if genus == wanted => {}
         Some(genus) => return Err(SphericalError::Genus { genus }),
         None => {
             let found = format!("its Euler characteristic is {}", shape.euler_characteristic());

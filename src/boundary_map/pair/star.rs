@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 
 use super::bent::{BentImage, middle, moved_middle, pieces_energy, straight_energy};
 use super::inter_surface::{BARRIER, DomainTriangle, InverseEmbedding, Spring, VertexImage, jacobian_invariants};
-use crate::spherical::{det, newton_step, positive_det};
+use crate::spherical::{Curvature, det, positive_det};
 use crate::{Matrix3, Point, Vector};
 
 /// Share of the fall that the slope predicts from which a longer step is tried.
@@ -149,7 +149,7 @@ impl VertexStar {
     ) -> Option<(Vector, VertexImage)> {
         let before = self.value(inverse, x, image, spring)?;
         let (gradient, hessian) = self.derivatives(inverse, x, image, spring);
-        let step = newton_step(x, &gradient, &hessian)?;
+        let step = Curvature::Spherical.newton_step(x, &gradient, &hessian)?;
         let step_to = |share: f64| {
             let to = (x + share * step).normalize();
             let there = inverse.image(&to, image.triangle);
