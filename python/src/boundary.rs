@@ -248,6 +248,7 @@ fn sphere_step(phase: SpherePhase, before: &str) -> Step {
 pub fn pair_step(phase: PairPhase) -> Step {
     match phase {
         PairPhase::Sphere(side, phase) => sphere_step(phase, &format!("mapping the {side} to the sphere: ")),
+        PairPhase::Tori => step("laying both solids out on tori"),
         PairPhase::Aligning { done, of } => part("aligning", done, of),
         PairPhase::Intrinsic { done, of } => part("intrinsic shapes", done, of),
         PairPhase::CoarseEmbeddings { vertices, done, of } => {

@@ -1,18 +1,19 @@
-//! Compositions of spherical embeddings: a point goes to its direction on the domain's embedding, and from there to the
-//! point of the target that has the same direction.
+//! Compositions of embeddings: a point goes to its place on the sphere, or on a flat torus, by the domain's embedding, and
+//! from there to the point of the target that has the same place.
 //!
-//! Both embeddings are gnomonic maps of triangles and bijective, so that the composition is continuous across edges,
-//! bijective, and its inverse is a composition too.
+//! Both embeddings are bijective and continuous across edges, so that the composition is, too, and its inverse is a
+//! composition.
 
 use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
 use crate::mesh::{SurfaceMesh, SurfacePoint};
-use crate::spherical::{Locator, SphericalEmbedding};
+use crate::spherical::{EmbeddingCheck, Locator, SphericalEmbedding, check_embedding};
+use crate::toroidal::{ToroidalEmbedding, ToroidalLocator};
 use crate::{Point, Vector};
 
-/// The composition of the domain's spherical embedding with the inverse of the target's. Copies share the embeddings.
+/// The composition of the domain's embedding with the inverse of the target's. Copies share the embeddings.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Composition {
     domain: Arc<LocatedEmbedding>,
@@ -23,11 +24,83 @@ pub(super) struct Composition {
     subdivisions: u32,
 }
 
-/// A spherical embedding, with the search structure of its inverse, which is built when it is first needed.
+/// An embedding of either kind.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum SurfaceEmbedding {
+    Sphere(SphericalEmbedding),
+    Torus(ToroidalEmbedding),
+}
+
+/// A place on the sphere, or in the square of a flat torus.
+#[derive(Debug, Clone, Copy)]
+enum Place {
+    Sphere(Vector),
+    Torus([f64; 2]),
+}
+
+#[derive(Debug)]
+enum EmbeddingLocator {
+    Sphere(Locator),
+    Torus(ToroidalLocator),
+}
+
+/// An embedding, with the search structure of its inverse, which is built when it is first needed.
 #[derive(Debug)]
 struct LocatedEmbedding {
-    embedding: SphericalEmbedding,
-    locator: OnceLock<Locator>,
+    embedding: SurfaceEmbedding,
+    locator: OnceLock<EmbeddingLocator>,
+}
+
+impl SurfaceEmbedding {
+    pub fn surface(&self) -> &SurfaceMesh {
+        match self {
+            Self::Sphere(embedding) => embedding.surface(),
+            Self::Torus(embedding) => embedding.surface(),
+        }
+    }
+
+    /// Whether it is a bijection: decided again.
+    pub fn check(&self) -> EmbeddingCheck {
+        match self {
+            Self::Sphere(embedding) => check_embedding(embedding.surface().triangles(), embedding.directions()),
+            Self::Torus(embedding) => embedding.check(),
+        }
+    }
+
+    pub fn as_sphere(&self) -> Option<&SphericalEmbedding> {
+        match self {
+            Self::Sphere(embedding) => Some(embedding),
+            Self::Torus(_) => None,
+        }
+    }
+
+    pub fn as_torus(&self) -> Option<&ToroidalEmbedding> {
+        match self {
+            Self::Torus(embedding) => Some(embedding),
+            Self::Sphere(_) => None,
+        }
+    }
+
+    fn place(&self, point: &SurfacePoint) -> Place {
+        match self {
+            Self::Sphere(embedding) => Place::Sphere(direction(embedding, point)),
+            Self::Torus(embedding) => Place::Torus(embedding.position(point)),
+        }
+    }
+}
+
+/// The direction of a point. A vertex has its own, bit for bit, so that it goes exactly to a vertex of the target with the same.
+fn direction(embedding: &SphericalEmbedding, point: &SurfacePoint) -> Vector {
+    let [l, m, n] = point.barycentric;
+    let zeros = [m, n, l].map(|c| c == 0.0);
+    let corner = (0..3).find(|&k| zeros[k] && zeros[(k + 1) % 3] && point.barycentric[k] > 0.0);
+    match corner {
+        Some(k) => {
+            let vertex = embedding.surface().triangles()[point.triangle as usize][k];
+            embedding.directions()[vertex as usize]
+        }
+        None => embedding.direction(point),
+    }
 }
 
 impl PartialEq for LocatedEmbedding {
@@ -37,21 +110,44 @@ impl PartialEq for LocatedEmbedding {
 }
 
 impl LocatedEmbedding {
-    fn new(embedding: SphericalEmbedding) -> Self {
+    fn new(embedding: SurfaceEmbedding) -> Self {
         Self {
             embedding,
             locator: OnceLock::new(),
         }
     }
 
-    fn locator(&self) -> &Locator {
-        self.locator.get_or_init(|| Locator::new(&self.embedding))
+    /// The point at a place. `None` on the other kind of surface.
+    fn locate(&self, place: &Place) -> Option<SurfacePoint> {
+        let locator = self.locator.get_or_init(|| match &self.embedding {
+            SurfaceEmbedding::Sphere(embedding) => EmbeddingLocator::Sphere(Locator::new(embedding)),
+            SurfaceEmbedding::Torus(embedding) => EmbeddingLocator::Torus(ToroidalLocator::new(embedding)),
+        });
+        match (locator, place) {
+            (EmbeddingLocator::Sphere(locator), Place::Sphere(x)) => Some(locator.locate(x)),
+            (EmbeddingLocator::Torus(locator), Place::Torus(x)) => Some(locator.locate(*x)),
+            _ => None,
+        }
     }
 }
 
 impl Composition {
-    /// The map to the target, or to the unit sphere without one.
-    pub fn new(domain: SphericalEmbedding, target: Option<SphericalEmbedding>) -> Self {
+    /// The map of an embedded surface to the unit sphere.
+    pub fn onto_sphere(domain: SphericalEmbedding) -> Self {
+        Self::new(SurfaceEmbedding::Sphere(domain), None)
+    }
+
+    /// The map between two surfaces that are embedded in the sphere.
+    pub fn through_sphere(domain: SphericalEmbedding, target: SphericalEmbedding) -> Self {
+        Self::new(SurfaceEmbedding::Sphere(domain), Some(SurfaceEmbedding::Sphere(target)))
+    }
+
+    /// The map between two surfaces that are embedded in the flat torus.
+    pub fn through_torus(domain: ToroidalEmbedding, target: ToroidalEmbedding) -> Self {
+        Self::new(SurfaceEmbedding::Torus(domain), Some(SurfaceEmbedding::Torus(target)))
+    }
+
+    fn new(domain: SurfaceEmbedding, target: Option<SurfaceEmbedding>) -> Self {
         Self {
             domain: Arc::new(LocatedEmbedding::new(domain)),
             target: target.map(|target| Arc::new(LocatedEmbedding::new(target))),
@@ -60,11 +156,11 @@ impl Composition {
     }
 
     /// The domain's embedding, as it was before subdivision.
-    pub fn domain(&self) -> &SphericalEmbedding {
+    pub fn domain(&self) -> &SurfaceEmbedding {
         &self.domain.embedding
     }
 
-    pub fn target(&self) -> Option<&SphericalEmbedding> {
+    pub fn target(&self) -> Option<&SurfaceEmbedding> {
         self.target.as_ref().map(|target| &target.embedding)
     }
 
@@ -89,31 +185,33 @@ impl Composition {
         })
     }
 
-    pub fn direction(&self, point: &SurfacePoint) -> Vector {
-        let point = before_subdivision(point, self.subdivisions);
-        let [l, m, n] = point.barycentric;
-        let zeros = [m, n, l].map(|c| c == 0.0);
-        // A vertex has its own direction, bit for bit, so that it goes exactly to a vertex of the target with the same.
-        let corner = (0..3).find(|&k| zeros[k] && zeros[(k + 1) % 3] && point.barycentric[k] > 0.0);
-        match corner {
-            Some(k) => {
-                let vertex = self.domain().surface().triangles()[point.triangle as usize][k];
-                self.domain().directions()[vertex as usize]
-            }
-            None => self.domain().direction(&point),
+    fn place(&self, point: &SurfacePoint) -> Place {
+        self.domain().place(&before_subdivision(point, self.subdivisions))
+    }
+
+    /// The direction of a point; `None` when the map goes through a torus.
+    pub fn direction(&self, point: &SurfacePoint) -> Option<Vector> {
+        match self.place(point) {
+            Place::Sphere(x) => Some(x),
+            Place::Torus(_) => None,
         }
+    }
+
+    /// The point of the embedded domain at the place of this one: the round trip of a map onto the sphere.
+    pub fn back_in_domain(&self, point: &SurfacePoint) -> Option<SurfacePoint> {
+        self.domain.locate(&self.place(point))
     }
 
     /// The image on the target's surface; `None` when the unit sphere is the target.
     pub fn on_target(&self, point: &SurfacePoint) -> Option<SurfacePoint> {
-        let target = self.target.as_ref()?;
-        Some(target.locator().locate(&self.direction(point)))
+        self.target.as_ref()?.locate(&self.place(point))
     }
 
     pub fn image(&self, point: &SurfacePoint) -> Point {
-        match (self.target(), self.on_target(point)) {
-            (Some(target), Some(found)) => found.position(target.surface(), target.surface().vertices()),
-            _ => Point::from(self.direction(point)),
+        match (self.target(), self.on_target(point), self.place(point)) {
+            (Some(target), Some(found), _) => found.position(target.surface(), target.surface().vertices()),
+            (_, _, Place::Sphere(x)) => Point::from(x),
+            (_, _, Place::Torus([u, v])) => Point::new(u, v, 0.0),
         }
     }
 

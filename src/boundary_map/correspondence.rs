@@ -6,22 +6,23 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::BoundaryMapError;
-use super::composition::Composition;
+use super::composition::{Composition, SurfaceEmbedding};
 use super::error::{extent, require_extent, require_finite, require_same_count, require_same_elements};
 use super::function::PointFunction;
 use crate::mesh::shapes::quartered;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
 use crate::spherical::SphericalEmbedding;
+use crate::toroidal::ToroidalEmbedding;
 use crate::{Point, Vector};
 
 /// A boundary map `f'`: where each point of the domain's surface goes.
 ///
-/// Given by images of the vertices alone, it is linear over the triangles in between. As a composition of spherical
-/// embeddings ([`Self::onto_sphere`], [`Self::through_sphere`]) it is a bijection with the target's surface, and the
-/// images of points between vertices lie on that surface, not on the straight triangles between the images of the
+/// Given by images of the vertices alone, it is linear over the triangles in between. As a composition of embeddings
+/// ([`Self::onto_sphere`], [`Self::through_sphere`], [`Self::through_torus`]) it is a bijection with the target's surface,
+/// and the images of points between vertices lie on that surface, not on the straight triangles between the images of the
 /// vertices.
 ///
-/// Copies share the domain, the spherical embeddings and the function.
+/// Copies share the domain, the embeddings and the function.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundaryMap {
     domain: Arc<SurfaceMesh>,
@@ -34,7 +35,7 @@ pub struct BoundaryMap {
 enum Interpolation {
     /// Linearly over each triangle.
     Linear,
-    /// By spherical embeddings.
+    /// By embeddings in the sphere or in a flat torus.
     Composition(Composition),
     /// By a function of the surface's points.
     Function(PointFunction),
@@ -95,7 +96,7 @@ impl BoundaryMap {
     ///
     /// When the surface is too small or too large to calculate with.
     pub fn onto_sphere(domain: SphericalEmbedding) -> Result<Self, BoundaryMapError> {
-        Self::by_composition(Composition::new(domain, None))
+        Self::by_composition(Composition::onto_sphere(domain))
     }
 
     /// The map that sends each point of one surface to the point of the other that has the same direction. A vertex
@@ -105,7 +106,16 @@ impl BoundaryMap {
     ///
     /// When a surface is too small or too large to calculate with.
     pub fn through_sphere(domain: SphericalEmbedding, target: SphericalEmbedding) -> Result<Self, BoundaryMapError> {
-        Self::by_composition(Composition::new(domain, Some(target)))
+        Self::by_composition(Composition::through_sphere(domain, target))
+    }
+
+    /// The map that sends each point of one surface to the point of the other at the same place of the flat torus.
+    ///
+    /// # Errors
+    ///
+    /// When a surface is too small or too large to calculate with.
+    pub fn through_torus(domain: ToroidalEmbedding, target: ToroidalEmbedding) -> Result<Self, BoundaryMapError> {
+        Self::by_composition(Composition::through_torus(domain, target))
     }
 
     fn by_composition(composition: Composition) -> Result<Self, BoundaryMapError> {
@@ -117,7 +127,7 @@ impl BoundaryMap {
                 composition.images_of_vertices(&domain, 0)
             }
             None => {
-                let image: Vec<Point> = composition.domain().directions().iter().map(|&x| x.into()).collect();
+                let image = composition.images_of_vertices(&domain, 0);
                 require_extent(&domain, &image, extent(&domain, &image))?;
                 image
             }
@@ -130,7 +140,7 @@ impl BoundaryMap {
     }
 
     /// The map from the target's surface back to the domain's as it was before subdivision; `None` unless the map goes
-    /// through the sphere to another surface.
+    /// through the sphere or a torus to another surface.
     pub fn inverse(&self) -> Option<Self> {
         // Cannot fail: both surfaces have passed the checks.
         Self::by_composition(self.composition()?.inverse()?).ok()
@@ -260,25 +270,37 @@ impl BoundaryMap {
 
     /// The target, if it has a mesh of its own.
     pub fn target_surface(&self) -> Option<&SurfaceMesh> {
-        self.target_embedding().map(SphericalEmbedding::surface)
+        self.composition()?.target().map(SurfaceEmbedding::surface)
     }
 
     /// The spherical embedding of the domain before subdivision; `None` unless the map goes onto or through the sphere.
     pub fn domain_embedding(&self) -> Option<&SphericalEmbedding> {
-        self.composition().map(Composition::domain)
+        self.composition()?.domain().as_sphere()
     }
 
     /// The spherical embedding of the target; `None` unless the map goes through the sphere to another surface.
     pub fn target_embedding(&self) -> Option<&SphericalEmbedding> {
-        self.composition()?.target()
+        self.composition()?.target()?.as_sphere()
     }
 
-    /// How often the domain was subdivided since it was embedded on the sphere; 0 for other maps.
+    /// The embeddings of the domain, before subdivision, and of the target in the flat torus; `None` unless the map goes through
+    /// one.
+    pub fn torus_embeddings(&self) -> Option<[&ToroidalEmbedding; 2]> {
+        let composition = self.composition()?;
+        Some([composition.domain().as_torus()?, composition.target()?.as_torus()?])
+    }
+
+    /// The domain as it was before subdivision.
+    pub(crate) fn unsubdivided_domain(&self) -> &SurfaceMesh {
+        self.composition().map_or(&self.domain, |composition| composition.domain().surface())
+    }
+
+    /// How often the domain was subdivided since it was embedded; 0 for other maps.
     pub fn subdivisions(&self) -> u32 {
         self.composition().map_or(0, Composition::subdivisions)
     }
 
-    fn composition(&self) -> Option<&Composition> {
+    pub(super) fn composition(&self) -> Option<&Composition> {
         match &self.interpolation {
             Interpolation::Composition(composition) => Some(composition),
             Interpolation::Linear | Interpolation::Function(_) => None,
@@ -373,7 +395,7 @@ impl BoundaryMap {
     /// Directions of surface points, as unit vectors; `None` unless the map goes onto or through the sphere.
     pub fn directions(&self, points: &[SurfacePoint]) -> Option<Vec<Vector>> {
         let composition = self.composition()?;
-        Some(in_parallel(points, |p| composition.direction(p)))
+        in_parallel(points, |p| composition.direction(p)).into_iter().collect()
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Its tensors are those of [`boundary_tensors`](super::boundary_tensors), which map files hold as well. The metadata
 //! entry `solidmap_boundary` is a JSON object: [`BoundaryMetadata`] and `boundary`, with `way` (`straight`,
-//! `onto_sphere` or `through_sphere`) and `subdivisions`.
+//! `onto_sphere`, `through_sphere`, or from version 1.1 on `through_torus`) and `subdivisions`.
 
 use std::path::Path;
 
@@ -57,8 +57,12 @@ struct BoundaryFileHeader<'a> {
 ///
 /// When the file cannot be written.
 pub fn write_boundary(path: &Path, file: &BoundaryFile) -> Result<(), TensorFileError> {
+    let version = BOUNDARY.version_for(&file.metadata.format_version, Some(&file.boundary));
     let header = BoundaryFileHeader {
-        metadata: &file.metadata,
+        metadata: &BoundaryMetadata {
+            format_version: version,
+            ..file.metadata.clone()
+        },
         boundary: boundary_tensors::header_of(&file.boundary),
     };
     BOUNDARY.write(path, &header, &boundary_tensors::tensors_of(&file.boundary))
@@ -68,8 +72,8 @@ pub fn write_boundary(path: &Path, file: &BoundaryFile) -> Result<(), TensorFile
 ///
 /// # Errors
 ///
-/// When it cannot be read, is not a complete boundary file, is of a newer major version, or holds spherical embeddings
-/// that are not one to one, which is decided exactly.
+/// When it cannot be read, is not a complete boundary file, is of a newer major version, or holds embeddings that
+/// are not one to one, which is decided exactly.
 pub fn read_boundary(path: &Path) -> Result<BoundaryFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&BOUNDARY, path, &content)?;

@@ -6,9 +6,12 @@
 //! | `domain_triangles` | u32, m × 3 | triangles of the domain |
 //! | `domain_directions` | f64, n × 3 | `onto_sphere`, `through_sphere`: each vertex on the unit sphere |
 //! | `target_vertices`, `target_triangles`, `target_directions` | as above | `through_sphere`: the same of the target |
+//! | `domain_positions` | f64, n × 2 | `through_torus`: each vertex in the unit square, whose opposite sides are glued |
+//! | `domain_translations` | i32, m × 6 | `through_torus`: whole numbers by which the corners of each triangle are translated |
+//! | `target_vertices`, `target_triangles`, `target_positions`, `target_translations` | as above | the same of the target |
 //!
 //! The object `boundary` of the metadata says which of them the file has. Images of compositions follow from the
-//! directions; they are stored for readers that need only the vertices, and compared when the map is read. A subdivided
+//! directions or positions; they are stored for readers that need only the vertices, and compared when the map is read. A subdivided
 //! domain is stored as it was before, with the number of subdivisions.
 
 use super::TensorFileError;
@@ -16,6 +19,7 @@ use super::tensor_file::{Reader, Tensor};
 use crate::boundary_map::BoundaryMap;
 use crate::mesh::SurfaceMesh;
 use crate::spherical::SphericalEmbedding;
+use crate::toroidal::{ToroidalEmbedding, ToroidalError};
 use crate::{Point, Vector};
 
 /// What the metadata say about a boundary map.
@@ -26,7 +30,8 @@ pub(super) struct BoundaryHeader {
     pub subdivisions: u32,
 }
 
-/// How the map is defined between vertices: linearly, by the domain's spherical embedding, or by both embeddings.
+/// How the map is defined between vertices: linearly, by the domain's spherical embedding, or by embeddings of both surfaces
+/// in the sphere or in a flat torus.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Way {
@@ -34,6 +39,7 @@ pub(super) enum Way {
     Straight,
     OntoSphere,
     ThroughSphere,
+    ThroughTorus,
 }
 
 /// The part of the metadata about the boundary map. Files without it hold a straight map.
@@ -49,28 +55,35 @@ const MOST_SUBDIVIDED: u64 = 1 << 20;
 /// By how much stored images may differ from the map's, as a fraction of the target's diagonal.
 const AGREEMENT: f64 = 1e-9;
 
-/// The names of the tensors of a surface on the sphere.
+/// The names of the tensors of an embedded surface.
 struct Names {
     vertices: &'static str,
     triangles: &'static str,
     directions: &'static str,
+    positions: &'static str,
+    translations: &'static str,
 }
 
 const DOMAIN: Names = Names {
     vertices: "domain_vertices",
     triangles: "domain_triangles",
     directions: "domain_directions",
+    positions: "domain_positions",
+    translations: "domain_translations",
 };
 const TARGET: Names = Names {
     vertices: "target_vertices",
     triangles: "target_triangles",
     directions: "target_directions",
+    positions: "target_positions",
+    translations: "target_translations",
 };
 const IMAGE: &str = "image_vertices";
 
 pub(super) fn header_of(map: &BoundaryMap) -> BoundaryHeader {
     BoundaryHeader {
         way: match (map.domain_embedding(), map.target_embedding()) {
+            _ if map.torus_embeddings().is_some() => Way::ThroughTorus,
             (None, _) => Way::Straight,
             (Some(_), None) => Way::OntoSphere,
             (Some(_), Some(_)) => Way::ThroughSphere,
@@ -80,7 +93,7 @@ pub(super) fn header_of(map: &BoundaryMap) -> BoundaryHeader {
 }
 
 pub(super) fn tensors_of(map: &BoundaryMap) -> Vec<Tensor> {
-    let domain = map.domain_embedding().map_or(map.domain(), SphericalEmbedding::surface);
+    let domain = map.unsubdivided_domain();
     // The first vertices of a subdivided domain are the old ones.
     let image = &map.image()[..domain.vertices().len()];
     let mut tensors = Vec::from(surface_tensors(&DOMAIN, domain));
@@ -90,7 +103,20 @@ pub(super) fn tensors_of(map: &BoundaryMap) -> Vec<Tensor> {
         tensors.extend(surface_tensors(&TARGET, target.surface()));
         tensors.push(directions(&TARGET, target));
     }
+    if let Some([domain, target]) = map.torus_embeddings() {
+        tensors.extend(layout(&DOMAIN, domain));
+        tensors.extend(surface_tensors(&TARGET, target.surface()));
+        tensors.extend(layout(&TARGET, target));
+    }
     tensors
+}
+
+fn layout(names: &Names, embedding: &ToroidalEmbedding) -> [Tensor; 2] {
+    let translations = embedding.translations().iter();
+    [
+        Tensor::rows(names.positions, embedding.positions().iter()),
+        Tensor::integers(names.translations, translations.map(|[a, b, c]| [a[0], a[1], b[0], b[1], c[0], c[1]])),
+    ]
 }
 
 fn surface_tensors(names: &Names, surface: &SurfaceMesh) -> [Tensor; 2] {
@@ -108,8 +134,12 @@ fn directions(names: &Names, embedding: &SphericalEmbedding) -> Tensor {
 pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
     let BoundaryHeader { way, subdivisions } = reader.metadata::<Headers>()?.boundary;
     for (tensor, is_due) in [
-        (DOMAIN.directions, way != Way::Straight),
+        (DOMAIN.directions, matches!(way, Way::OntoSphere | Way::ThroughSphere)),
         (TARGET.directions, way == Way::ThroughSphere),
+        (DOMAIN.positions, way == Way::ThroughTorus),
+        (DOMAIN.translations, way == Way::ThroughTorus),
+        (TARGET.positions, way == Way::ThroughTorus),
+        (TARGET.translations, way == Way::ThroughTorus),
     ] {
         if !is_due && reader.has(tensor) {
             let problem = "does not belong to the kind of boundary map that the metadata name";
@@ -122,6 +152,7 @@ pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
         Way::Straight => return BoundaryMap::new(surface(reader, &DOMAIN)?, image).map_err(|e| unusable(&e)),
         Way::OntoSphere => BoundaryMap::onto_sphere(embedding(reader, &DOMAIN)?),
         Way::ThroughSphere => BoundaryMap::through_sphere(embedding(reader, &DOMAIN)?, embedding(reader, &TARGET)?),
+        Way::ThroughTorus => BoundaryMap::through_torus(on_torus(reader, &DOMAIN)?, on_torus(reader, &TARGET)?),
     }
     .map_err(|e| reader.problem(DOMAIN.vertices, format!("is unusable: {e}")))?;
     require_agreement(reader, &map, &image)?;
@@ -142,7 +173,7 @@ fn surface(reader: &Reader, names: &Names) -> Result<SurfaceMesh, TensorFileErro
 
 fn embedding(reader: &Reader, names: &Names) -> Result<SphericalEmbedding, TensorFileError> {
     let surface = surface(reader, names)?;
-    let directions: Vec<Vector> = reader.rows(names.directions)?.into_iter().map(Vector::from).collect();
+    let directions: Vec<Vector> = reader.rows::<3>(names.directions)?.into_iter().map(Vector::from).collect();
     let embedding = SphericalEmbedding::new(surface.clone(), &directions)
         .map_err(|e| reader.problem(names.directions, format!("is unusable: {e}")))?;
     if let Some(v) = (0..directions.len()).find(|&v| directions[v] != embedding.directions()[v]) {
@@ -151,6 +182,25 @@ fn embedding(reader: &Reader, names: &Names) -> Result<SphericalEmbedding, Tenso
     }
     if embedding.surface() != &surface {
         return Err(reader.problem(names.triangles, "has triangles that do not face outward".into()));
+    }
+    Ok(embedding)
+}
+
+fn on_torus(reader: &Reader, names: &Names) -> Result<ToroidalEmbedding, TensorFileError> {
+    let surface = surface(reader, names)?;
+    let positions: Vec<[f64; 2]> = reader.rows(names.positions)?;
+    let translations: Vec<[i32; 6]> = reader.integers(names.translations)?;
+    let translations: Vec<_> = translations.iter().map(|&[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]]).collect();
+    let embedding = ToroidalEmbedding::new(surface, &positions, &translations).map_err(|error| {
+        let tensor = match error {
+            ToroidalError::Translations { .. } => names.translations,
+            _ => names.positions,
+        };
+        reader.problem(tensor, format!("is unusable: {error}"))
+    })?;
+    if let Some(v) = (0..positions.len()).find(|&v| positions[v] != embedding.positions()[v]) {
+        let problem = format!("is, in row {v}, no multiple of 2⁻⁴⁸ from 0 to 1");
+        return Err(reader.problem(names.positions, problem));
     }
     Ok(embedding)
 }

@@ -119,7 +119,10 @@ pub fn write_map(path: &Path, file: &MapFile) -> Result<(), TensorFileError> {
     }
     let boundary = file.boundary.as_ref().map(boundary_tensors::header_of);
     let header = MapHeader {
-        metadata: &file.metadata,
+        metadata: &MapMetadata {
+            format_version: MAP.version_for(&file.metadata.format_version, file.boundary.as_ref()),
+            ..file.metadata.clone()
+        },
         // Straight maps are written as they always were.
         boundary: boundary.filter(|header| header.way != Way::Straight),
         bijective: file.bijective.as_ref().map(|bijective| &bijective.report),

@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::Point;
+use crate::boundary_map::BoundaryMap;
 use crate::io::{IoError, atomic_write, printable};
 
 /// Why a map, boundary or texture file cannot be written or read.
@@ -66,6 +67,8 @@ pub(super) struct FileKind {
     /// The entry of the container's metadata that holds ours, a JSON object.
     pub key: &'static str,
     pub version: (u32, u32),
+    /// The version of files that hold a boundary map through a flat torus, which earlier programs do not know.
+    pub version_with_torus: (u32, u32),
     /// What the file is for, said where another kind is wanted.
     pub purpose: &'static str,
 }
@@ -74,6 +77,7 @@ pub(super) static MAP: FileKind = FileKind {
     name: "map file",
     key: "solidmap",
     version: (1, 2),
+    version_with_torus: (1, 3),
     purpose: "it holds a fitted map, for `solidmap eval` and `energy`",
 };
 
@@ -81,6 +85,7 @@ pub(super) static BOUNDARY: FileKind = FileKind {
     name: "boundary file",
     key: "solidmap_boundary",
     version: (1, 0),
+    version_with_torus: (1, 1),
     purpose: "it holds a boundary map, for `solidmap fit --boundary`",
 };
 
@@ -88,6 +93,7 @@ pub(super) static TEXTURE: FileKind = FileKind {
     name: "texture file",
     key: "solidmap_texture",
     version: (1, 0),
+    version_with_torus: (1, 1),
     purpose: "it holds a solid texture, for `solidmap texture`",
 };
 
@@ -112,10 +118,25 @@ impl Tensor {
         }
     }
 
-    pub fn rows<'a>(name: &'static str, rows: impl ExactSizeIterator<Item = &'a [f64; 3]>) -> Self {
+    pub fn rows<'a, const N: usize>(
+        name: &'static str,
+        rows: impl ExactSizeIterator<Item = &'a [f64; N]>,
+    ) -> Self {
         let count = rows.len();
         let data = rows.flatten().flat_map(|x| x.to_le_bytes()).collect();
-        Self::new(name, Dtype::F64, count, data)
+        Self {
+            columns: N,
+            ..Self::new(name, Dtype::F64, count, data)
+        }
+    }
+
+    pub fn integers<const N: usize>(name: &'static str, rows: impl ExactSizeIterator<Item = [i32; N]>) -> Self {
+        let count = rows.len();
+        let data = rows.flatten().flat_map(|x| x.to_le_bytes()).collect();
+        Self {
+            columns: N,
+            ..Self::new(name, Dtype::I32, count, data)
+        }
     }
 
     pub fn points(name: &'static str, points: &[Point]) -> Self {
@@ -143,6 +164,15 @@ impl Tensor {
 impl FileKind {
     pub fn format_version(&self) -> String {
         format!("{}.{}", self.version.0, self.version.1)
+    }
+
+    /// The version of a file with this boundary map: the given one, unless that is too low for it.
+    pub fn version_for(&self, given: &str, boundary: Option<&BoundaryMap>) -> String {
+        let through_torus = boundary.is_some_and(|map| map.torus_embeddings().is_some());
+        match through_torus && given == self.format_version() {
+            true => format!("{}.{}", self.version_with_torus.0, self.version_with_torus.1),
+            false => given.to_owned(),
+        }
     }
 
     /// The same tensors and metadata give the same bytes.
@@ -217,14 +247,21 @@ impl<'a> Reader<'a> {
     }
 
     pub fn points(&self, tensor: &'static str) -> Result<Vec<Point>, TensorFileError> {
-        Ok(self.rows(tensor)?.into_iter().map(Point::from).collect())
+        Ok(self.rows::<3>(tensor)?.into_iter().map(Point::from).collect())
     }
 
-    pub fn rows(&self, tensor: &'static str) -> Result<Vec<[f64; 3]>, TensorFileError> {
-        let data = self.data(tensor, Dtype::F64, 3)?;
+    pub fn rows<const N: usize>(&self, tensor: &'static str) -> Result<Vec<[f64; N]>, TensorFileError> {
+        let data = self.data(tensor, Dtype::F64, N)?;
         let (numbers, _) = data.as_chunks::<8>();
-        let (rows, _) = numbers.as_chunks::<3>();
+        let (rows, _) = numbers.as_chunks::<N>();
         Ok(rows.iter().map(|row| row.map(f64::from_le_bytes)).collect())
+    }
+
+    pub fn integers<const N: usize>(&self, tensor: &'static str) -> Result<Vec<[i32; N]>, TensorFileError> {
+        let data = self.data(tensor, Dtype::I32, N)?;
+        let (words, _) = data.as_chunks::<4>();
+        let (rows, _) = words.as_chunks::<N>();
+        Ok(rows.iter().map(|row| row.map(i32::from_le_bytes)).collect())
     }
 
     pub fn triangles(&self, tensor: &'static str) -> Result<Vec<[u32; 3]>, TensorFileError> {

@@ -132,7 +132,7 @@ fn read_coloured_surface(reader: &Reader, picture: Option<PictureHeader>) -> Res
         return ColouredSurface::from_vertex_colours(&surface, colours)
             .map_err(|error| reader.problem("colours", format!("cannot be used: {error}")));
     };
-    let (u, v) = (reader.rows("u")?, reader.rows("v")?);
+    let (u, v) = (reader.rows::<3>("u")?, reader.rows::<3>("v")?);
     if u.len() != v.len() {
         return Err(reader.problem("v", format!("has {} rows, and `u` {}", v.len(), u.len())));
     }

@@ -187,23 +187,33 @@ impl TorusSurface {
         layout
     }
 
-    /// The surface laid out for low distortion of angles, with that of areas bounded.
+    /// The surface laid out for low distortion of angles, with that of areas bounded: with about so many vertices, and with
+    /// all.
     ///
     /// # Errors
     ///
-    /// When triangles become too small, or the hole of the solid is knotted.
-    pub fn embedding(&self) -> Result<ToroidalEmbedding, ToroidalError> {
-        let mut layout = self.base_layout();
+    /// [`ToroidalError::TooFine`].
+    pub fn layouts(&self, coarse: usize) -> Result<(PartialLayout, PartialLayout), ToroidalError> {
         let points = self.surface.vertices();
-        let refined = layout.refine(self, usize::MAX, |layout| {
+        let mut layout = self.base_layout();
+        let relax = |layout: &mut PartialLayout| {
             layout.relax(points, layout.level_start, NEW_SWEEPS);
             layout.relax(points, 0, SWEEPS);
-        });
-        refined.ok_or(ToroidalError::TooFine)?;
-        let embedding = self.embedded(&layout)?;
-        match is_knotted(&meridian(&embedding)) {
+        };
+        layout.refine(self, coarse, relax).ok_or(ToroidalError::TooFine)?;
+        let first = layout.clone();
+        layout.refine(self, usize::MAX, relax).ok_or(ToroidalError::TooFine)?;
+        Ok((first, layout))
+    }
+
+    /// # Errors
+    ///
+    /// [`ToroidalError::KnottedHole`] when no loop on the surface bounds a disk in the solid: then the loop that bounds in it is
+    /// a knot.
+    pub fn require_unknotted(&self, embedding: &ToroidalEmbedding) -> Result<(), ToroidalError> {
+        match is_knotted(&meridian(embedding)) {
             true => Err(ToroidalError::KnottedHole),
-            false => Ok(embedding),
+            false => Ok(()),
         }
     }
 
@@ -467,7 +477,10 @@ mod tests {
     #[test]
     fn an_embedding_has_degree_1_and_its_first_coordinate_runs_along_the_meridian() {
         for surface in [shapes::torus(1.0, 0.4, 30, 14), shapes::torus(2.0, 0.2, 90, 8)] {
-            let embedding = TorusSurface::new(&surface).unwrap().embedding().unwrap();
+            let embedding = {
+                let torus = TorusSurface::new(&surface).unwrap();
+                torus.embedded(&torus.layouts(300).unwrap().1).unwrap()
+            };
             let check = embedding.check();
             assert!(check.is_bijective() && (check.degree - 1.0).abs() < 1e-10);
             let meridian = meridian(&embedding);

@@ -16,7 +16,6 @@ mod springs;
 pub use embedding::{ToroidalEmbedding, ToroidalError, require_genus_1};
 pub(crate) use layout::{LatticeMap, PartialLayout, Periods, TORUS_AREA, TorusSurface};
 pub(crate) use locate::ToroidalLocator;
-pub(crate) use rings::Shift;
 
 /// Embeddings for tests.
 #[cfg(test)]

@@ -92,7 +92,7 @@ pub fn to_model(
         // Any one of the coarse embeddings becomes a map by inserting the rest of the vertices.
         let has_result = !matches!(
             phase,
-            PairPhase::Sphere(..) | PairPhase::Aligning { .. } | PairPhase::Intrinsic { .. }
+            PairPhase::Sphere(..) | PairPhase::Tori | PairPhase::Aligning { .. } | PairPhase::Intrinsic { .. }
         );
         interrupt::control_until(share, has_result)
     };
@@ -101,6 +101,10 @@ pub fn to_model(
         PairError::Sphere { side, error } => {
             let file = files[usize::from(side == "target")];
             anyhow::Error::new(error).context(cannot_map(file))
+        }
+        PairError::Torus { side, error } => {
+            let file = files[usize::from(side == "target")].display();
+            anyhow::Error::new(error).context(format!("cannot map `{file}` to a flat torus"))
         }
         PairError::Curves(error) => {
             let file = args.landmark_curves.as_deref().unwrap_or(files[0]);
@@ -185,6 +189,7 @@ pub fn show_phase(phase: PairPhase, output: &Output) {
             let phase = format!("mapping the {side} to the sphere: optimising");
             output.progress_of(phase, iterations, most_iterations);
         }
+        PairPhase::Tori => output.progress("laying both solids out on tori"),
         PairPhase::Intrinsic { done, of } => output.progress_of("intrinsic shapes", done, of),
         PairPhase::Aligning { of: 0, .. } => output.progress("aligning"),
         PairPhase::Aligning { done, of } => output.progress_of("aligning", done, of),

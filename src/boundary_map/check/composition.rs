@@ -1,4 +1,4 @@
-//! Checks of compositions of spherical embeddings: bijectivity follows exactly from the embeddings. Everything else is
+//! Checks of compositions of embeddings: bijectivity follows exactly from the embeddings. Everything else is
 //! measured on the map itself, not on the straight triangles between the images of vertices.
 
 use rayon::prelude::*;
@@ -11,16 +11,16 @@ use super::covering::{
 use super::findings::Measurements;
 use super::{BoundaryCheck, BoundaryCheckError, BoundaryCheckOptions, Coverage, SurfaceDistance};
 use crate::Point;
-use crate::boundary_map::composition::vertex_places;
+use crate::boundary_map::composition::{Composition, SurfaceEmbedding, vertex_places};
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::check::{FindSelfIntersections, look_for_self_intersections, repair};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Collocation;
-use crate::spherical::{EmbeddingCheck, Locator, SphericalEmbedding, check_embedding};
+use crate::spherical::EmbeddingCheck;
 use crate::statistics::Summary;
 
-/// Results of [`super::check`] for a composition: a map onto or through the sphere.
+/// Results of [`super::check`] for a composition: a map onto or through the sphere, or through a flat torus.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompositionCheck {
     /// The domain's embedding, and the target's where it has a mesh of its own. If each is a bijection, so is the map.
@@ -34,6 +34,9 @@ pub struct CompositionCheck {
     /// Triangles of the plain image, straight between the images of vertices, that face against the target: defects of
     /// the plain image, not of the map.
     pub plain_image_flipped: usize,
+    /// Whether the embeddings are in a flat torus and not in the sphere.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub through_torus: bool,
 }
 
 /// Distances between points and their round trips, as fractions of the domain's diagonal: rounding errors.
@@ -53,10 +56,10 @@ pub struct RoundTrip {
 const MOST_TRIANGLES: usize = 2_000_000;
 pub(super) const MOST_CUTS: u32 = 2;
 
-/// [`super::check`] for compositions; `embedding` is the domain's.
+/// [`super::check`] for compositions.
 pub(super) fn check(
     map: &BoundaryMap,
-    embedding: &SphericalEmbedding,
+    composition: &Composition,
     target: Option<&SurfaceMesh>,
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
@@ -81,11 +84,8 @@ pub(super) fn check(
         let pair = (given, &queried(given)?);
         coverage = Some(Coverage::measure((&covered, &covered_query), pair, options));
     }
-    let embeddings: Vec<EmbeddingCheck> = [Some(embedding), map.target_embedding()]
-        .into_iter()
-        .flatten()
-        .map(|embedding| check_embedding(embedding.surface().triangles(), embedding.directions()))
-        .collect();
+    let embeddings = [Some(composition.domain()), composition.target()];
+    let embeddings: Vec<EmbeddingCheck> = embeddings.into_iter().flatten().map(SurfaceEmbedding::check).collect();
     let flat = |mesh: &SurfaceMesh| -> Vec<u32> {
         let triangles = (0..mesh.triangles().len() as u32).into_par_iter();
         triangles.filter(|&t| is_flat(&mesh.corners(t as usize))).collect()
@@ -93,7 +93,7 @@ pub(super) fn check(
     let folded = FoldedEdges::find(domain, &plain);
     let covering = Covering {
         triangles: domain.triangles().len(),
-        compared_with: match map.target_embedding() {
+        compared_with: match composition.target() {
             Some(_) => ComparedWith::Target,
             None => ComparedWith::Sphere {
                 centre: [0.0; 3],
@@ -105,10 +105,14 @@ pub(super) fn check(
             agreement: 1.0,
             points: 0,
         }),
-        flipped: triangles_facing(
-            Facing::Inward,
-            &facings_on_sphere(embedding.surface(), embedding.directions()),
-        ),
+        flipped: match composition.domain() {
+            SurfaceEmbedding::Sphere(embedding) => triangles_facing(
+                Facing::Inward,
+                &facings_on_sphere(embedding.surface(), embedding.directions()),
+            ),
+            // Whoever made or read it has refused flipped triangles.
+            SurfaceEmbedding::Torus(embedding) => embedding.check().first_flipped.into_iter().collect(),
+        },
         degenerate: vec![],
         flat_in_domain: flat(domain),
     };
@@ -123,18 +127,19 @@ pub(super) fn check(
         crossing: &[],
         tolerance: options.tolerance,
     };
-    let composition = CompositionCheck {
+    let checked = CompositionCheck {
         embeddings,
         flat_in_target: map.target_surface().map_or(0, |mesh| flat(mesh).len()),
-        round_trip: RoundTrip::measure(map, embedding, options),
+        round_trip: RoundTrip::measure(map, composition, options),
         cuts,
         plain_image_flipped,
+        through_torus: composition.domain().as_torus().is_some(),
     };
     let distortion = SurfaceDistortion::of(fine.domain(), fine.image());
     let worst_places = measurements.worst_places((fine.domain(), fine.image()), options.worst_places);
     Ok(BoundaryCheck {
         worst_places,
-        ..measurements.report(distortion, self_intersections, Some(composition))
+        ..measurements.report(distortion, self_intersections, Some(checked))
     })
 }
 
@@ -193,17 +198,16 @@ impl SurfaceDistance {
 }
 
 impl RoundTrip {
-    fn measure(map: &BoundaryMap, embedding: &SphericalEmbedding, options: &BoundaryCheckOptions) -> Self {
+    fn measure(map: &BoundaryMap, composition: &Composition, options: &BoundaryCheckOptions) -> Self {
         let domain = map.domain();
         let mut points = vertex_places(domain);
         points.extend(Collocation::even(domain, options.samples, options.seed).points);
         let returned = match (map.evaluate_on_target(&points), map.inverse()) {
             (Some(on_target), Some(back)) => back.evaluate(&on_target),
             _ => {
-                let directions = map.directions(&points).unwrap_or_default();
-                let surface = embedding.surface();
-                let found = Locator::new(embedding).locate_all(&directions);
-                found.iter().map(|p| p.position(surface, surface.vertices())).collect()
+                let surface = composition.domain().surface();
+                let found = points.par_iter().with_min_len(256).filter_map(|p| composition.back_in_domain(p));
+                found.map(|p| p.position(surface, surface.vertices())).collect()
             }
         };
         let errors = distances(&map.positions(&points), &returned);

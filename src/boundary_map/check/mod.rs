@@ -194,8 +194,8 @@ pub fn check(
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
 ) -> Result<BoundaryCheck, BoundaryCheckError> {
-    if let Some(embedding) = map.domain_embedding() {
-        return composition::check(map, embedding, target, options, self_intersections);
+    if let Some(embeddings) = map.composition() {
+        return composition::check(map, embeddings, target, options, self_intersections);
     }
     let (domain, _) = repair(map.domain());
     SurfaceQuery::with_winding_sign(&domain).map_err(BoundaryCheckError::Domain)?;

@@ -1,5 +1,5 @@
-//! A bijective boundary map between two solids of genus 0 without a given correspondence: the composition of two
-//! spherical embeddings.
+//! A bijective boundary map between two solids without a given correspondence: the composition of two embeddings, spherical
+//! ones for solids of genus 0.
 //!
 //! 1. The target is embedded on the sphere ([`map_to_sphere`]).
 //! 2. The domain is aligned with the target by similarities ([`align`]). The closest point of the target gives each
@@ -9,6 +9,8 @@
 //! 4. The domain's embedding is optimised for low distortion of the map from surface to surface.
 //!
 //! No step inverts a triangle on the sphere, so the result is a bijection at every point of the surface.
+//!
+//! Two solids of genus 1 are mapped through a flat torus instead.
 
 mod alignment;
 mod bent;
@@ -27,6 +29,7 @@ mod star;
 mod starts;
 mod stretch;
 mod targets;
+mod torus;
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -38,7 +41,7 @@ pub use embedder::SoftTargetSchedule;
 pub use landmarks::{LandmarkError, Landmarks};
 pub use options::{PairMethod, PairOptions};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
-pub use report::{PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings};
+pub use report::{PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings, TorusReport};
 pub use rotation::{RotationMatch, search_rotations};
 pub use stretch::Stretch;
 pub use targets::{VertexTarget, vertex_targets};
@@ -46,11 +49,13 @@ pub use targets::{VertexTarget, vertex_targets};
 use super::{BoundaryMap, SurfaceDistortion};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
+use crate::mesh::topology::Topology;
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SphericalEmbedding, SphericalError, check_embedding,
     map_to_sphere, require_genus_0, require_scale,
 };
+use crate::toroidal::{ToroidalError, require_genus_1};
 use crate::{Matrix3, Vector};
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pin, Pins, SoftTargets};
 use inter_surface::{InverseEmbedding, Spring};
@@ -118,7 +123,7 @@ const TOO_FINE: PairError = PairError::Sphere {
 ///
 /// # Errors
 ///
-/// When a solid is not of genus 0, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` cancels it
+/// When the solids are not both of genus 0 or both of genus 1, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` cancels it
 /// ([`ProgressResponse`]), which usually takes effect within a fraction of a second.
 pub fn map_pair<A: ProgressResponse>(
     domain: &SurfaceMesh,
@@ -145,6 +150,9 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
     options: &PairOptions,
     progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<PairMaps, PairError> {
+    if has_one_handle([domain, target], options)? {
+        return map_tori(domain, target, options, progress);
+    }
     let of_side = |side| move |error| PairError::Sphere { side, error };
     let domain = require_genus_0(domain).map_err(of_side("domain"))?;
     let target = require_genus_0(target).map_err(of_side("target"))?;
@@ -177,7 +185,58 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
         match options.method {
             PairMethod::SoftTargets => pair.by_soft_targets(),
             PairMethod::Conformal => pair.by_conformal_maps(),
+            PairMethod::FlatTori => Err(of_no_handle("domain")),
         }
+    });
+    made.unwrap_or(Err(PairError::Cancelled))
+}
+
+fn of_no_handle(side: &'static str) -> PairError {
+    let error = ToroidalError::Genus { genus: 0 };
+    PairError::Torus { side, error }
+}
+
+/// Whether both solids have genus 1. What else is wrong with them is found later.
+///
+/// # Errors
+///
+/// When one has another number of handles than the other, or both have several.
+fn has_one_handle(solids: [&SurfaceMesh; 2], options: &PairOptions) -> Result<bool, PairError> {
+    let genus = |surface: &SurfaceMesh| match Topology::new(surface).components().shapes[..] {
+        [shape] => shape.genus(),
+        _ => None,
+    };
+    match solids.map(genus) {
+        [Some(0), Some(0)] | [None, _] | [_, None] => Ok(false),
+        [Some(1), Some(1)] => torus::require_options(options).map(|()| true),
+        [Some(domain), Some(target)] if domain != target => Err(PairError::UnequalGenus { domain, target }),
+        [Some(genus), _] => Err(PairError::ManyHandles { genus }),
+    }
+}
+
+fn map_tori<A: ProgressResponse>(
+    domain: &SurfaceMesh,
+    target: &SurfaceMesh,
+    options: &PairOptions,
+    progress: &dyn Fn(PairPhase) -> A,
+) -> Result<PairMaps, PairError> {
+    let of_side = |side| move |error| PairError::Torus { side, error };
+    let domain = require_genus_1(domain).map_err(of_side("domain"))?;
+    let target = require_genus_1(target).map_err(of_side("target"))?;
+    let of_scale = |side| move |error| PairError::Torus { side, error: ToroidalError::Surface(error) };
+    require_scale(&domain).map_err(of_scale("domain"))?;
+    require_scale(&target).map_err(of_scale("target"))?;
+    let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
+        let pair = PairMapping {
+            domain: &domain,
+            target: &target,
+            landmarks: &Landmarks::default(),
+            curves: &[],
+            options,
+            begin: Instant::now(),
+            reporter,
+        };
+        pair.by_tori()
     });
     made.unwrap_or(Err(PairError::Cancelled))
 }
@@ -298,6 +357,7 @@ impl PairMapping<'_> {
                 .collect(),
             rotations: vec![],
             schedule: Some(best.schedule),
+            torus: None,
             before,
             after,
             isometry_defect: of_map,
@@ -494,6 +554,7 @@ impl PairMapping<'_> {
             alternatives: vec![],
             rotations,
             schedule: None,
+            torus: None,
             before,
             after,
             isometry_defect: None,

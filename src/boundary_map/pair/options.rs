@@ -7,7 +7,7 @@ use super::{LandmarkCurve, Landmarks};
 use crate::Vector;
 use crate::boundary_map::BoundaryMap;
 
-/// How the domain is embedded on the target's sphere.
+/// How the domain is embedded on the target's sphere or torus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PairMethod {
@@ -17,6 +17,10 @@ pub enum PairMethod {
     /// Centred conformal maps of both surfaces to the sphere, and the rotation under which their area distortions
     /// correlate best: the method of Li et al. (2007).
     Conformal,
+    /// Both are laid out on flat tori: what is done with solids of genus 1, also by [`Self::SoftTargets`]. Solids of another
+    /// genus are refused.
+    #[serde(rename = "tori")]
+    FlatTori,
 }
 
 /// How a pair is mapped.

@@ -7,12 +7,15 @@ use super::map_pair;
 use super::{AlignError, CurveError, LandmarkError, PairMethod, SoftTargetSchedule, Stretch};
 use crate::boundary_map::{BoundaryMapError, SurfaceDistortion};
 use crate::spherical::{SpherePhase, SphericalError};
+use crate::toroidal::ToroidalError;
 
 /// The current step of [`map_pair`], for progress callbacks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PairPhase {
     /// A solid (`"domain"` or `"target"`) is mapped to the sphere.
     Sphere(&'static str, SpherePhase),
+    /// Both solids, of genus 1, are laid out on flat tori.
+    Tori,
     /// The solids are aligned in space, or their conformal embeddings by a rotation.
     Aligning {
         /// Steps done so far.
@@ -87,6 +90,9 @@ pub struct PairReport {
     pub rotations: Vec<f64>,
     /// The schedule that was taken; `None` with [`PairMethod::Conformal`].
     pub schedule: Option<SoftTargetSchedule>,
+    /// What was found for solids of genus 1; `None` for others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub torus: Option<TorusReport>,
     /// Distortion of the map before its distortion was minimised.
     pub before: SurfaceDistortion,
     /// Distortion of the map.
@@ -109,6 +115,23 @@ pub struct PairReport {
     pub warnings: Vec<String>,
 }
 
+/// Which class of maps between solids of genus 1 was taken.
+///
+/// Every map of the solids takes the loop that bounds a disk in one to that in the other. What is left is a sign, and how often
+/// that loop is added to the one around the handle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TorusReport {
+    /// Classes times translations that were compared before any was optimised.
+    pub compared: usize,
+    /// Whether both loops change their direction.
+    pub is_turned: bool,
+    /// How often the loop that bounds in the target is added to the image of one around the domain's handle, beyond the least
+    /// twisted ones of both solids.
+    pub twist: i32,
+    /// Energy of the best map of another class, over that of the one taken, when they were last compared.
+    pub runner_up: Option<f64>,
+}
+
 /// What soft targets come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -128,6 +151,8 @@ pub enum PairStartKind {
     Extremities,
     /// The boundary map that was given.
     Given,
+    /// No soft targets: another class of maps between solids of genus 1.
+    Class,
 }
 
 /// A start of the search for the best coarse embedding.
@@ -159,7 +184,7 @@ pub struct PairAlternative {
 /// Wall time of [`map_pair`] by phase, in seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct PairTimings {
-    /// Maps to the sphere.
+    /// Maps to the sphere, or to flat tori.
     pub sphere: f64,
     /// Alignments and soft targets.
     pub align: f64,
@@ -182,6 +207,40 @@ pub enum PairError {
         side: &'static str,
         /// Why not.
         error: SphericalError,
+    },
+    /// The solids differ in the number of handles.
+    #[error(
+        "the domain has genus {domain} and the target genus {target} (handles), and only solids of the same genus map to each \
+         other one to one; close handles of one, or give another solid"
+    )]
+    UnequalGenus {
+        /// Handles of the domain.
+        domain: u64,
+        /// Handles of the target.
+        target: u64,
+    },
+    /// Both solids have several handles.
+    #[error(
+        "both solids have genus {genus} (handles), and boundary maps are made of solids of genus 0 and 1 only; give one that \
+         was made elsewhere"
+    )]
+    ManyHandles {
+        /// Handles of each.
+        genus: u64,
+    },
+    /// An option has no meaning for solids with a handle.
+    #[error("{option} cannot be used with solids of genus 1; leave the option out")]
+    NotWithHandles {
+        /// What was given.
+        option: &'static str,
+    },
+    /// A solid has no map to a flat torus.
+    #[error("the {side} has no map to a flat torus: {error}")]
+    Torus {
+        /// `"domain"` or `"target"`.
+        side: &'static str,
+        /// Why not.
+        error: ToroidalError,
     },
     /// The solids cannot be aligned.
     #[error(transparent)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
-use solidmap::boundary_map::pair::{PairMaps, PairMethod, PairReport, PairStartKind};
+use solidmap::boundary_map::pair::{PairMaps, PairMethod, PairReport, PairStartKind, TorusReport};
 
 use super::write;
 use crate::CommandOutcome;
@@ -125,8 +125,21 @@ fn start_words(kind: PairStartKind) -> &'static str {
         PairStartKind::Intrinsic => "intrinsic shape",
         PairStartKind::Extremities => "intrinsic shape and extremities",
         PairStartKind::Given => "the map given",
+        PairStartKind::Class => "another class",
         _ => "another start",
     }
+}
+
+fn torus_method(pair: &PairReport) -> String {
+    let Some(TorusReport { compared, is_turned, twist, runner_up }) = pair.torus else {
+        return "flat tori of both".into();
+    };
+    let direction = if is_turned { "loops turned round" } else { "loops as they run" };
+    let next = match runner_up {
+        Some(ratio) => format!("; the next class has {ratio:.2} times its energy"),
+        None => String::new(),
+    };
+    format!("flat tori of both, the best of {compared} classes and translations: {direction}, twisted {twist} times{next}")
 }
 
 fn summary(report: &PairSummary) -> String {
@@ -141,6 +154,7 @@ fn summary(report: &PairSummary) -> String {
             schedule.strength,
             schedule.until_vertices
         ),
+        (PairMethod::FlatTori, _) => torus_method(pair),
         _ => format!(
             "conformal maps of both; the best of {} rotations, by areas",
             pair.rotations.len()
@@ -149,7 +163,10 @@ fn summary(report: &PairSummary) -> String {
     let mut rows = vec![
         [
             "map".into(),
-            "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
+            match pair.method {
+                PairMethod::FlatTori => "one to one: no triangle flipped on the torus, degree 1, decided exactly".into(),
+                _ => "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
+            },
         ],
         ["method".into(), method],
     ];
@@ -188,8 +205,10 @@ fn summary(report: &PairSummary) -> String {
     rows.push([
         "time".into(),
         format!(
-            "{:.1} s: spheres {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}",
-            seconds.total, seconds.sphere, seconds.align, seconds.coarse, seconds.improve
+            "{:.1} s: {} {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}",
+            seconds.total,
+            if pair.method == PairMethod::FlatTori { "tori" } else { "spheres" },
+            seconds.sphere, seconds.align, seconds.coarse, seconds.improve
         ),
     ]);
     rows.push(memory_row(report.peak_rss_bytes));

@@ -52,10 +52,10 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, ups: [UpKind; 2]) -> a
             upside_down,
         })
     });
-    let pair = match (map.domain_embedding(), map.inverse()) {
-        (Some(_), Some(back)) => through_sphere(map, back),
-        (Some(_), None) => onto_sphere(map),
-        (None, _) => straight(map, check.compared_with)?,
+    let pair = match (map.inverse(), map.domain_embedding()) {
+        (Some(back), _) => composed(map, back),
+        (None, Some(_)) => onto_sphere(map),
+        (None, None) => straight(map, check.compared_with)?,
     };
     let pattern = match check.compared_with {
         ComparedWith::Sphere { .. } => Pattern::Graticule {
@@ -123,7 +123,7 @@ fn onto_sphere(map: &BoundaryMap) -> [Shown; 2] {
     })
 }
 
-fn through_sphere(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
+fn composed(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
     let [fine, back] = [map.clone(), back].map(refined);
     [
         Shown {

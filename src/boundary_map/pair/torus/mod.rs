@@ -1,0 +1,325 @@
+//! A bijective boundary map between two solids of genus 1: the composition of two embeddings in one flat torus.
+//!
+//! 1. Both surfaces are laid out on tori, such that loops that bound a disk in the solid run along the first side.
+//! 2. Classes of maps and translations are compared on coarse meshes, the best of them after optimisation ([`search`]).
+//! 3. The best layout of the domain is refined, and at every level optimised for low distortion of the map from surface to
+//!    surface ([`energy`], [`star`]).
+//!
+//! No step inverts a triangle in the plane.
+
+mod element;
+mod energy;
+mod search;
+mod star;
+
+use super::{
+    PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport, PairStartKind, PairTimings,
+    Stretch, TorusReport, distortion, is_lower,
+};
+use crate::Point;
+use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
+use crate::toroidal::{PartialLayout, ToroidalEmbedding, ToroidalError, TorusSurface};
+use energy::TargetTorus;
+use search::{COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, candidates, compared_energy, optimise};
+
+/// Vertices of the domain when classes are compared, and when the best are compared again.
+const SEARCH_VERTICES: usize = 300;
+const COMPARED_VERTICES: usize = 1200;
+/// Candidates are compared again when their energy is at most this times the least, and this many.
+const AS_GOOD_COARSE: f64 = 1.25;
+const MOST_COMPARED: usize = 3;
+/// Rounds at the end, and the relative decrease of the energy below which one is the last.
+const LAST_ROUNDS: usize = 6;
+const LEAST_DECREASE: f64 = 3e-3;
+/// A warning says that another class is as good when its energy is at most this times that of the one that was taken.
+const AS_GOOD: f64 = 1.03;
+
+/// The effort at a level with this many vertices.
+fn effort(vertices: usize) -> Effort {
+    match vertices {
+        ..1500 => Effort {
+            cuts: 3,
+            softness: COARSE_SOFTNESS,
+            new_sweeps: 2,
+            sweeps: 4,
+            newton: 4,
+        },
+        1500..6000 => Effort {
+            cuts: 2,
+            softness: FINE_SOFTNESS,
+            new_sweeps: 2,
+            sweeps: 2,
+            newton: 2,
+        },
+        _ => Effort {
+            cuts: 1,
+            softness: FINE_SOFTNESS,
+            new_sweeps: 2,
+            sweeps: 2,
+            newton: 1,
+        },
+    }
+}
+
+/// A surface with its own embedding.
+struct Laid {
+    torus: TorusSurface,
+    coarse: PartialLayout,
+    fine: PartialLayout,
+    embedding: ToroidalEmbedding,
+}
+
+impl Laid {
+    fn new(surface: &crate::mesh::SurfaceMesh) -> Result<Self, ToroidalError> {
+        let torus = TorusSurface::new(surface)?;
+        let (coarse, fine) = torus.layouts(SEARCH_VERTICES)?;
+        let embedding = torus.embedded(&fine)?;
+        torus.require_unknotted(&embedding)?;
+        Ok(Self {
+            torus,
+            coarse,
+            fine,
+            embedding,
+        })
+    }
+}
+
+impl PairMapping<'_> {
+    /// The map through a flat torus.
+    pub(super) fn by_tori(&self) -> Result<PairMaps, PairError> {
+        self.report(PairPhase::Tori)?;
+        let (domain, target) = rayon::join(|| Laid::new(self.domain), || Laid::new(self.target));
+        let of_side = |side| move |error| PairError::Torus { side, error };
+        let (domain, target) = (domain.map_err(of_side("domain"))?, target.map_err(of_side("target"))?);
+        let laid = self.elapsed();
+
+        self.report(PairPhase::CoarseEmbeddings {
+            vertices: domain.coarse.inserted.len(),
+            done: 0,
+            of: search::compared_at_first(),
+        })?;
+        let target_torus = TargetTorus::new(&target.embedding, target.fine.periods);
+        let points = domain.torus.surface().vertices();
+        let in_place = |layout: &PartialLayout| mean_distance(layout, &target_torus, points);
+        let rating: Option<&(dyn Fn(&PartialLayout) -> f64 + Sync)> = match self.options.aligned {
+            true => Some(&in_place),
+            false => None,
+        };
+        let mut ranked = candidates(&domain.coarse, &target_torus, points, rating);
+        let coarse_energies = ranked.len();
+        self.compare_again(&domain, &target_torus, &mut ranked)?;
+        let compared = self.elapsed();
+
+        let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
+        let after = match self.options.improve {
+            true => self.completed_on_torus(&domain, &target_torus, best)?,
+            false => domain.fine.mapped(&target_torus.periods, best.layout.map, best.by),
+        };
+        let improved = self.elapsed();
+        let before = domain.fine.mapped(&target_torus.periods, best.layout.map, best.by);
+        let (map, distortions, stretch) = self.measured_on_torus(&domain, &target, &before, &after)?;
+
+        let mut warnings = Vec::new();
+        let other_class = others.iter().find(|other| other.layout.map != best.layout.map);
+        let runner_up = other_class.map(|other| other.energy / best.energy);
+        if runner_up.is_some_and(|ratio| ratio <= AS_GOOD) {
+            warnings.push(format!(
+                "another class of maps is nearly as good (its energy was {:.3} times this one's), as of symmetric bodies: look \
+                 at the alternatives if this map is not the one that you want",
+                runner_up.unwrap_or_default()
+            ));
+        }
+        let diagonal = self.target.diagonal();
+        let mut kept: Vec<&Candidate> = Vec::new();
+        for other in others {
+            if kept.iter().all(|kept| kept.layout.map != other.layout.map) && other.layout.map != best.layout.map {
+                kept.push(other);
+            }
+        }
+        let mut alternatives = Vec::new();
+        for other in kept.iter().take(self.options.alternatives) {
+            let layout = self.completed_on_torus(&domain, &target_torus, other)?;
+            alternatives.push(self.through_torus(&domain, &target, &layout)?);
+        }
+        let report = PairReport {
+            method: PairMethod::FlatTori,
+            landmarks: 0,
+            landmark_error: 0.0,
+            coarse_embeddings: coarse_energies,
+            starts: vec![],
+            start: 0,
+            alternatives: kept
+                .iter()
+                .map(|other| PairAlternative {
+                    kind: PairStartKind::Class,
+                    energy_ratio: other.energy / best.energy,
+                    distance: distance(other, best, &target_torus) / diagonal,
+                })
+                .collect(),
+            rotations: vec![],
+            schedule: None,
+            torus: Some(TorusReport {
+                compared: search::compared_at_first(),
+                is_turned: best.layout.map.is_turned,
+                twist: best.layout.map.twist,
+                runner_up,
+            }),
+            before: distortions[0],
+            after: distortions[1],
+            stretch,
+            timings: PairTimings {
+                sphere: laid,
+                align: 0.0,
+                coarse: compared - laid,
+                improve: improved - compared,
+                total: self.elapsed(),
+            },
+            concluded: self.reporter.should_conclude(),
+            warnings,
+        };
+        Ok(PairMaps {
+            map,
+            report,
+            alternatives,
+        })
+    }
+
+    /// Refines the best candidates, and puts the better ones first.
+    fn compare_again(&self, domain: &Laid, target: &TargetTorus, ranked: &mut [Candidate]) -> Result<(), PairError> {
+        let Some(most) = ranked.first().map(|best| AS_GOOD_COARSE * best.energy) else {
+            return Ok(());
+        };
+        let again = ranked.iter().take(MOST_COMPARED).filter(|c| c.energy <= most).count();
+        let points = domain.torus.surface().vertices();
+        let refine = |candidate: &mut Candidate| {
+            let refined = candidate.layout.refine(&domain.torus, COMPARED_VERTICES, |layout| {
+                optimise(layout, target, points, &effort(layout.inserted.len()));
+            });
+            candidate.energy = match refined {
+                Some(()) => compared_energy(&candidate.layout, target, points),
+                None => f64::INFINITY,
+            };
+        };
+        use rayon::prelude::*;
+        ranked[..again].par_iter_mut().for_each(refine);
+        ranked[..again].sort_by(|a, b| a.energy.total_cmp(&b.energy));
+        self.report(PairPhase::Refining {
+            vertices: ranked[0].layout.inserted.len(),
+            total: points.len(),
+            energy: super::ISOMETRY_ENERGY * ranked[0].energy,
+        })
+    }
+
+    /// A candidate with the rest of the vertices, and its distortion lowered.
+    fn completed_on_torus(
+        &self,
+        domain: &Laid,
+        target: &TargetTorus,
+        coarse: &Candidate,
+    ) -> Result<PartialLayout, PairError> {
+        let points = domain.torus.surface().vertices();
+        let mut layout = coarse.layout.clone();
+        let refined = layout.refine(&domain.torus, usize::MAX, |layout| {
+            let vertices = layout.inserted.len();
+            if self.reporter.should_improve() {
+                let energy = optimise(layout, target, points, &effort(vertices));
+                // A cancellation takes effect at the next level.
+                let _ = self.report(PairPhase::Refining {
+                    vertices,
+                    total: points.len(),
+                    energy: super::ISOMETRY_ENERGY * energy / crate::toroidal::TORUS_AREA,
+                });
+            }
+        });
+        refined.ok_or(PairError::Torus {
+            side: "domain",
+            error: ToroidalError::TooFine,
+        })?;
+        let last = Effort {
+            new_sweeps: 0,
+            sweeps: 2,
+            newton: 3,
+            cuts: if points.len() > 12_000 { 1 } else { 2 },
+            softness: FINE_SOFTNESS,
+        };
+        let mut energy = f64::INFINITY;
+        for round in 0..LAST_ROUNDS {
+            if !self.reporter.should_improve() {
+                break;
+            }
+            self.report(PairPhase::Improving {
+                rounds: round,
+                most_rounds: LAST_ROUNDS,
+            })?;
+            let lowered = optimise(&mut layout, target, points, &last);
+            if lowered > (1.0 - LEAST_DECREASE) * energy {
+                break;
+            }
+            energy = lowered;
+        }
+        Ok(layout)
+    }
+
+    fn through_torus(&self, domain: &Laid, target: &Laid, layout: &PartialLayout) -> Result<BoundaryMap, PairError> {
+        let embedding = domain.torus.embedded(layout);
+        let embedding = embedding.map_err(|error| PairError::Torus { side: "domain", error })?;
+        Ok(BoundaryMap::through_torus(embedding, target.embedding.clone())?)
+    }
+
+    /// The better one of the maps before and after optimisation, with the distortion of both, and how far it stretches.
+    fn measured_on_torus(
+        &self,
+        domain: &Laid,
+        target: &Laid,
+        before: &PartialLayout,
+        after: &PartialLayout,
+    ) -> Result<(BoundaryMap, [SurfaceDistortion; 2], Stretch), PairError> {
+        self.report(PairPhase::Measuring { done: 0, of: 2 })?;
+        let no_area = || PairError::from(super::AlignError::NoArea { side: "domain" });
+        let last = self.through_torus(domain, target, after)?;
+        let of_last = distortion(&last).ok_or_else(no_area)?;
+        self.report(PairPhase::Measuring { done: 1, of: 2 })?;
+        // Without optimisation, thin triangles may be too fine under a twist.
+        let first = self.through_torus(domain, target, before).ok();
+        let of_first = first.as_ref().and_then(distortion);
+        let (map, distortions) = match first.zip(of_first) {
+            Some((first, of_first)) if !is_lower(&of_last, &of_first) => (first, [of_first; 2]),
+            _ => (last, [of_first.unwrap_or(of_last), of_last]),
+        };
+        let stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
+        Ok((map, distortions, stretch))
+    }
+}
+
+/// The mean distance of vertices of the domain from their images.
+fn mean_distance(layout: &PartialLayout, target: &TargetTorus, points: &[Point]) -> f64 {
+    let distance = |&v: &u32| (target.position(&layout.places[v as usize]) - points[v as usize]).norm();
+    layout.inserted.iter().map(distance).sum::<f64>() / layout.inserted.len() as f64
+}
+
+/// The mean distance of the images of the vertices that both have.
+fn distance(a: &Candidate, b: &Candidate, target: &TargetTorus) -> f64 {
+    let count = a.layout.inserted.len().min(b.layout.inserted.len());
+    let shared = &a.layout.inserted[..count];
+    let of_vertex = |&v: &u32| {
+        let [a, b] = [a, b].map(|c| target.position(&c.layout.places[v as usize]));
+        (a - b).norm()
+    };
+    shared.iter().map(of_vertex).sum::<f64>() / count.max(1) as f64
+}
+
+/// What does not apply to solids with handles: refused by name.
+pub(super) fn require_options(options: &super::PairOptions) -> Result<(), PairError> {
+    let given = [
+        (!options.landmarks.pairs().is_empty(), "landmarks"),
+        (!options.curves.is_empty(), "landmark curves"),
+        (options.up.is_some(), "directions that point up"),
+        (options.start.is_some(), "a map to start from"),
+        (options.method == PairMethod::Conformal, "conformal maps to the sphere"),
+    ];
+    match given.into_iter().find(|(is_given, _)| *is_given) {
+        Some((_, option)) => Err(PairError::NotWithHandles { option }),
+        None => Ok(()),
+    }
+}
+

@@ -1,0 +1,274 @@
+//! Sweeps: every vertex of a layout moved on its own to lower the energy of its triangles.
+
+use rayon::prelude::*;
+
+use super::element::{Chain, Derivatives, add_image_derivatives, barrier, barrier_derivatives, image_energy};
+use super::energy::{Cut, Image, TargetTorus, secant};
+use crate::spherical::{Curvature, RestShape};
+use crate::toroidal::PartialLayout;
+use crate::{Matrix3, Point, Vector};
+
+/// Vertices per task.
+const LEAST_SWEPT: usize = 16;
+/// Share of the fall that the slope predicts from which a longer step is tried.
+const NEARLY_LINEAR: f64 = 0.6;
+
+/// What sweeps need to know of a layout: to be made again when vertices are inserted.
+pub(super) struct Sweeper<'a> {
+    target: &'a TargetTorus<'a>,
+    cuts: usize,
+    softness: f64,
+    /// For each inserted vertex the shapes of its triangles and of their parts, in the order of its ring.
+    rests: Vec<Vec<[RestShape; 2]>>,
+    /// Indices of inserted vertices, such that no two of a group are neighbours.
+    groups: Vec<Vec<usize>>,
+}
+
+/// The triangles of one vertex, cut into parts, as a function of its place. Samples are in layers around the vertex: layer `l` has
+/// `l` samples per triangle, and the last one lies on the ring.
+struct Star<'a> {
+    target: &'a TargetTorus<'a>,
+    cuts: usize,
+    softness: f64,
+    rests: &'a [[RestShape; 2]],
+    ring: Vec<Vector>,
+    /// Images of the last layer, which does not move.
+    fixed: Vec<Point>,
+}
+
+impl<'a> Sweeper<'a> {
+    pub fn new(target: &'a TargetTorus<'a>, layout: &PartialLayout, points: &[Point], cuts: usize, softness: f64) -> Self {
+        let area_scale = layout.area_scale(points);
+        let cut = Cut::new(cuts);
+        let of_vertex = |&v: &u32| {
+            let ring = layout.rings.of(v);
+            let next = ring.iter().cycle().skip(1);
+            let rest = |((a, _), (b, _)): (&(u32, _), &(u32, _))| {
+                let corners = [v, *a, *b].map(|u| &points[u as usize]);
+                let rest = RestShape::of_triangle(corners, area_scale);
+                [rest, cut.part_of(&rest)]
+            };
+            ring.iter().zip(next).map(rest).collect()
+        };
+        Self {
+            target,
+            cuts,
+            softness,
+            rests: layout.inserted.par_iter().map(of_vertex).collect(),
+            groups: independent_groups(layout),
+        }
+    }
+
+    /// Moves each vertex from the one with index `first` on once. Those of one group move at the same time.
+    pub fn sweep(&self, layout: &mut PartialLayout, first: usize) {
+        for group in &self.groups {
+            let of_group: Vec<usize> = group.iter().copied().filter(|&i| i >= first).collect();
+            let moved: Vec<Option<Vector>> = of_group
+                .par_iter()
+                .with_min_len(LEAST_SWEPT)
+                .map(|&i| self.better_place(layout, i))
+                .collect();
+            for (i, place) in of_group.into_iter().zip(moved) {
+                if let Some(place) = place {
+                    layout.places[layout.inserted[i] as usize] = place;
+                }
+            }
+        }
+    }
+
+    fn better_place(&self, layout: &PartialLayout, index: usize) -> Option<Vector> {
+        let v = layout.inserted[index];
+        let ring = layout.rings.of(v).iter();
+        let place = |&(r, shift): &(u32, _)| layout.places[r as usize] + layout.periods.translation(shift);
+        let x = layout.places[v as usize];
+        let star = Star::new(self, &self.rests[index], ring.map(place).collect(), &x);
+        star.better_place(&x)
+    }
+}
+
+/// Vertices by colours, such that those of neighbours differ: greedily, in the order of their insertion.
+fn independent_groups(layout: &PartialLayout) -> Vec<Vec<usize>> {
+    let mut colour = vec![usize::MAX; layout.places.len()];
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (i, &v) in layout.inserted.iter().enumerate() {
+        let ring = layout.rings.of(v);
+        let free = (0..groups.len()).find(|&c| ring.iter().all(|r| colour[r.0 as usize] != c));
+        let c = free.unwrap_or(groups.len());
+        if c == groups.len() {
+            groups.push(Vec::new());
+        }
+        colour[v as usize] = c;
+        groups[c].push(i);
+    }
+    groups
+}
+
+impl<'a> Star<'a> {
+    fn new(sweeper: &Sweeper<'a>, rests: &'a [[RestShape; 2]], ring: Vec<Vector>, x: &Vector) -> Self
+    where
+        'a: 'a,
+    {
+        let mut star = Self {
+            target: sweeper.target,
+            cuts: sweeper.cuts,
+            softness: sweeper.softness,
+            rests,
+            ring,
+            fixed: Vec::new(),
+        };
+        let mut copy = u32::MAX;
+        let last = star.layer(star.cuts, x);
+        star.fixed = star.images(&last, &mut copy);
+        star
+    }
+
+    fn images(&self, places: &[Vector], copy: &mut u32) -> Vec<Point> {
+        let image = |x: &Vector| {
+            let Image { point, copy: found } = self.target.image(x, *copy);
+            *copy = found;
+            point
+        };
+        places.iter().map(image).collect()
+    }
+
+    /// The places of a layer, in turn.
+    fn layer(&self, layer: usize, x: &Vector) -> Vec<Vector> {
+        let (n, share) = (self.ring.len(), layer as f64 / self.cuts as f64);
+        let mut places = Vec::with_capacity(n * layer);
+        for i in 0..n {
+            let (a, b) = (&self.ring[i], &self.ring[(i + 1) % n]);
+            for j in 0..layer {
+                let along = j as f64 / layer as f64;
+                let outer = if j == 0 { *a } else { a * (1.0 - along) + b * along };
+                places.push(if layer == self.cuts { outer } else { x * (1.0 - share) + outer * share });
+            }
+        }
+        places
+    }
+
+    /// Places and images of the samples with the vertex at `x`.
+    fn samples(&self, x: &Vector) -> (Vec<Vector>, Vec<Point>) {
+        let mut places = vec![*x];
+        for layer in 1..self.cuts {
+            places.extend(self.layer(layer, x));
+        }
+        let mut copy = u32::MAX;
+        let mut images = self.images(&places, &mut copy);
+        places.extend(self.layer(self.cuts, x));
+        images.extend_from_slice(&self.fixed);
+        (places, images)
+    }
+
+    /// The parts of triangle `i`, as indices of samples.
+    fn parts(&self, i: usize) -> impl Iterator<Item = [usize; 3]> + '_ {
+        let n = self.ring.len();
+        let cuts = self.cuts;
+        // The sample `a` steps towards one neighbour and `b` towards the next.
+        let index = move |a: usize, b: usize| {
+            let layer = a + b;
+            match layer {
+                0 => 0,
+                _ => 1 + n * layer * (layer - 1) / 2 + (i * layer + b) % (n * layer),
+            }
+        };
+        (0..cuts).flat_map(move |b| {
+            (0..cuts - b).flat_map(move |a| {
+                let up = [index(a, b), index(a + 1, b), index(a, b + 1)];
+                let down = (a + b + 2 <= cuts).then(|| [index(a + 1, b + 1), index(a, b + 1), index(a + 1, b)]);
+                std::iter::once(up).chain(down)
+            })
+        })
+    }
+
+    /// Energy with the vertex at `x`; `None` where a triangle is not positive.
+    fn value(&self, x: &Vector) -> Option<f64> {
+        let n = self.ring.len();
+        let mut sum = 0.0;
+        for i in 0..n {
+            sum += barrier([x, &self.ring[i], &self.ring[(i + 1) % n]], &self.rests[i][0])?;
+        }
+        let (_, images) = self.samples(x);
+        for i in 0..n {
+            for part in self.parts(i) {
+                sum += image_energy(part.map(|k| &images[k]), &self.rests[i][1], self.softness);
+            }
+        }
+        sum.is_finite().then_some(sum)
+    }
+
+    /// Derivatives by the place of the vertex, in the plane.
+    fn derivatives(&self, x: &Vector) -> Derivatives<2> {
+        let n = self.ring.len();
+        let (places, images) = self.samples(x);
+        let moving = images.len() - self.fixed.len();
+        let mut slopes = vec![(Chain::<2>::zeros(), 0.0); moving];
+        for i in 0..n {
+            for part in self.parts(i) {
+                let (slope, area) = secant(part.map(|k| &places[k]), part.map(|k| &images[k]));
+                for k in part {
+                    if let Some(sum) = slopes.get_mut(k) {
+                        sum.0 += slope;
+                        sum.1 += area;
+                    }
+                }
+            }
+        }
+        // How far samples of a layer follow the vertex.
+        let mut share = vec![1.0];
+        for layer in 1..self.cuts {
+            share.extend(std::iter::repeat_n(1.0 - layer as f64 / self.cuts as f64, n * layer));
+        }
+        let chains: Vec<Chain<2>> = slopes.iter().zip(&share).map(|((slope, area), w)| slope * (w / area)).collect();
+        let still = Chain::<2>::zeros();
+        let mut sum = Derivatives::<2>::zeros();
+        for i in 0..n {
+            let [rest, part_rest] = &self.rests[i];
+            let of_plane = barrier_derivatives([x, &self.ring[i], &self.ring[(i + 1) % n]], rest);
+            sum.gradient += of_plane.gradient.fixed_rows::<2>(0);
+            sum.hessian += of_plane.hessian.fixed_view::<2, 2>(0, 0);
+            for part in self.parts(i) {
+                let chains = part.map(|k| chains.get(k).unwrap_or(&still));
+                add_image_derivatives(part.map(|k| &images[k]), chains, part_rest, self.softness, &mut sum);
+            }
+        }
+        sum
+    }
+
+    /// A Newton step with line search from `x` that lowers the energy; `None` if there is none.
+    fn better_place(&self, x: &Vector) -> Option<Vector> {
+        let before = self.value(x)?;
+        let Derivatives { gradient, hessian } = self.derivatives(x);
+        let gradient = Vector::new(gradient[0], gradient[1], 0.0);
+        let mut in_space = Matrix3::zeros();
+        in_space.fixed_view_mut::<2, 2>(0, 0).copy_from(&hessian);
+        let step = Curvature::Flat.newton_step(x, &gradient, &in_space)?;
+        let step_to = |share: f64| {
+            let to = x + step * share;
+            let value = self.value(&to)?;
+            (value < before).then_some((value, to))
+        };
+        let mut share = 1.0;
+        let mut best = None;
+        for _ in 0..6 {
+            best = step_to(share);
+            if best.is_some() {
+                break;
+            }
+            share *= 0.35;
+        }
+        // Newton's steps out of a narrow triangle are far too short: lengthen them while the energy falls, where it fell
+        // nearly as its slope says.
+        let slope = gradient.dot(&step).abs();
+        while let Some((value, _)) = best {
+            if before - value < NEARLY_LINEAR * share * slope {
+                break;
+            }
+            share *= 2.5;
+            match step_to(share) {
+                Some(farther) if farther.0 < value && share < 1e3 => best = Some(farther),
+                _ => break,
+            }
+        }
+        best.map(|(_, place)| place)
+    }
+}
