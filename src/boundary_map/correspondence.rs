@@ -292,7 +292,8 @@ impl BoundaryMap {
 
     /// The domain as it was before subdivision.
     pub(crate) fn unsubdivided_domain(&self) -> &SurfaceMesh {
-        self.composition().map_or(&self.domain, |composition| composition.domain().surface())
+        self.composition()
+            .map_or(&self.domain, |composition| composition.domain().surface())
     }
 
     /// How often the domain was subdivided since it was embedded; 0 for other maps.

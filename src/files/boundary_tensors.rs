@@ -115,7 +115,10 @@ fn layout(names: &Names, embedding: &ToroidalEmbedding) -> [Tensor; 2] {
     let translations = embedding.translations().iter();
     [
         Tensor::rows(names.positions, embedding.positions().iter()),
-        Tensor::integers(names.translations, translations.map(|[a, b, c]| [a[0], a[1], b[0], b[1], c[0], c[1]])),
+        Tensor::integers(
+            names.translations,
+            translations.map(|[a, b, c]| [a[0], a[1], b[0], b[1], c[0], c[1]]),
+        ),
     ]
 }
 
@@ -173,7 +176,11 @@ fn surface(reader: &Reader, names: &Names) -> Result<SurfaceMesh, TensorFileErro
 
 fn embedding(reader: &Reader, names: &Names) -> Result<SphericalEmbedding, TensorFileError> {
     let surface = surface(reader, names)?;
-    let directions: Vec<Vector> = reader.rows::<3>(names.directions)?.into_iter().map(Vector::from).collect();
+    let directions: Vec<Vector> = reader
+        .rows::<3>(names.directions)?
+        .into_iter()
+        .map(Vector::from)
+        .collect();
     let embedding = SphericalEmbedding::new(surface.clone(), &directions)
         .map_err(|e| reader.problem(names.directions, format!("is unusable: {e}")))?;
     if let Some(v) = (0..directions.len()).find(|&v| directions[v] != embedding.directions()[v]) {
@@ -190,7 +197,10 @@ fn on_torus(reader: &Reader, names: &Names) -> Result<ToroidalEmbedding, TensorF
     let surface = surface(reader, names)?;
     let positions: Vec<[f64; 2]> = reader.rows(names.positions)?;
     let translations: Vec<[i32; 6]> = reader.integers(names.translations)?;
-    let translations: Vec<_> = translations.iter().map(|&[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]]).collect();
+    let translations: Vec<_> = translations
+        .iter()
+        .map(|&[a, b, c, d, e, f]| [[a, b], [c, d], [e, f]])
+        .collect();
     let embedding = ToroidalEmbedding::new(surface, &positions, &translations).map_err(|error| {
         let tensor = match error {
             ToroidalError::Translations { .. } => names.translations,

@@ -118,10 +118,7 @@ impl Tensor {
         }
     }
 
-    pub fn rows<'a, const N: usize>(
-        name: &'static str,
-        rows: impl ExactSizeIterator<Item = &'a [f64; N]>,
-    ) -> Self {
+    pub fn rows<'a, const N: usize>(name: &'static str, rows: impl ExactSizeIterator<Item = &'a [f64; N]>) -> Self {
         let count = rows.len();
         let data = rows.flatten().flat_map(|x| x.to_le_bytes()).collect();
         Self {

@@ -205,7 +205,13 @@ fn voxels_take_over_where_no_deformation_is_found() {
         ..options(CellKind::Hexes, 8)
     };
     let error = make_hexmesh(&test_meshes::torus(3), &voxels, &|_| {}).unwrap_err();
-    assert!(matches!(error, HexmeshError::Pair(PairError::UnequalGenus { domain: 0, target: 1 })), "{error}");
+    assert!(
+        matches!(
+            error,
+            HexmeshError::Pair(PairError::UnequalGenus { domain: 0, target: 1 })
+        ),
+        "{error}"
+    );
     // Both reasons are given where voxels fail as well.
     let few = HexmeshOptions {
         most_cells: 10,

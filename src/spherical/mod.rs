@@ -34,8 +34,8 @@ pub(crate) use progressive::PartialEmbedding;
 pub(crate) use relax::{Relaxation, RelaxationStar, better_place};
 pub(crate) use rest_shape::{RestShape, RestShapes};
 pub(crate) use ring_kernel::{det, point_in_kernel, positive_det};
-pub(crate) use spherical_embedding::{require_genus, require_scale};
 pub use spherical_embedding::{SphericalEmbedding, SphericalError, require_genus_0};
+pub(crate) use spherical_embedding::{require_genus, require_scale};
 
 /// Spherical embeddings for tests.
 #[cfg(test)]

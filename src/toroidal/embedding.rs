@@ -122,7 +122,10 @@ impl ToroidalEmbedding {
                 translations: translations.len(),
             });
         }
-        let rounded: Vec<[f64; 2]> = positions.iter().map(|x| x.map(|c| (c * RESOLUTION).round() / RESOLUTION)).collect();
+        let rounded: Vec<[f64; 2]> = positions
+            .iter()
+            .map(|x| x.map(|c| (c * RESOLUTION).round() / RESOLUTION))
+            .collect();
         let whole: Vec<Shift> = rounded.iter().map(|x| x.map(|c| c.floor() as i32)).collect();
         let positions: Vec<[f64; 2]> = rounded.iter().map(|x| x.map(|c| c - c.floor())).collect();
         // The first corner of each triangle is not translated.
@@ -229,11 +232,19 @@ impl ToroidalEmbedding {
         for (e, &edge) in topology.edges().iter().enumerate() {
             let along = |t: u32| {
                 let corners = self.surface.triangles()[t as usize];
-                let of = |v: u32| corners.iter().position(|&w| w == v).map(|k| self.translations[t as usize][k]);
+                let of = |v: u32| {
+                    corners
+                        .iter()
+                        .position(|&w| w == v)
+                        .map(|k| self.translations[t as usize][k])
+                };
                 Some(minus(of(edge[1])?, of(edge[0])?))
             };
             let sides = topology.sides(e);
-            if sides.iter().any(|side| along(side.triangle) != along(sides[0].triangle)) {
+            if sides
+                .iter()
+                .any(|side| along(side.triangle) != along(sides[0].triangle))
+            {
                 return Err(ToroidalError::Translations { edge });
             }
         }

@@ -65,11 +65,15 @@ pub(crate) fn handle_loops(surface: &SurfaceMesh) -> Vec<HandleLoop> {
         for pair in down.windows(2).rev() {
             dual.push(before[pair[0] as usize].expect("not the root"));
         }
-        oriented(surface, &topology, HandleLoop {
-            cochain: cochain_of(&topology, &dual, triangles.len()),
-            loop_vertices,
-            dual,
-        })
+        oriented(
+            surface,
+            &topology,
+            HandleLoop {
+                cochain: cochain_of(&topology, &dual, triangles.len()),
+                loop_vertices,
+                dual,
+            },
+        )
     };
     left_over.map(of_edge).collect()
 }
@@ -77,7 +81,10 @@ pub(crate) fn handle_loops(surface: &SurfaceMesh) -> Vec<HandleLoop> {
 /// The triangle on the other side of an edge.
 fn across(topology: &Topology, edge: u32, triangle: u32) -> u32 {
     let mut sides = topology.sides(edge as usize).iter();
-    sides.find(|side| side.triangle != triangle).expect("a closed surface").triangle
+    sides
+        .find(|side| side.triangle != triangle)
+        .expect("a closed surface")
+        .triangle
 }
 
 /// The vertex before each in a breadth-first tree, and which edges the tree has.

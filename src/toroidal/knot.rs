@@ -80,7 +80,11 @@ fn passes_near([p, q, r]: &[Point; 3], a: &Point, b: &Point, share: f64) -> bool
     if from.abs().min(to.abs()) > margin && from.signum() == to.signum() {
         return false;
     }
-    let t = if from == to { 0.5 } else { (from / (from - to)).clamp(0.0, 1.0) };
+    let t = if from == to {
+        0.5
+    } else {
+        (from / (from - to)).clamp(0.0, 1.0)
+    };
     let at = a + (b - a) * t;
     let weight = |x: &Vector, y: &Vector| x.cross(y).dot(&normal) / (size * size);
     let d = at - p;
@@ -95,7 +99,10 @@ fn projected(polygon: &[Point], rng: &mut StdRng) -> Vec<Vector> {
     let x = direction().normalize();
     let y = x.cross(&direction()).normalize();
     let z = x.cross(&y);
-    polygon.iter().map(|p| Vector::new(x.dot(&p.coords), y.dot(&p.coords), z.dot(&p.coords))).collect()
+    polygon
+        .iter()
+        .map(|p| Vector::new(x.dot(&p.coords), y.dot(&p.coords), z.dot(&p.coords)))
+        .collect()
 }
 
 /// Where the projections of two sides cross.
@@ -126,8 +133,16 @@ fn crossings(corners: &[Vector]) -> Vec<Crossing> {
             let first_is_over = a.z + s * u.z > b.z + t * v.z;
             let (first, second) = (i as f64 + s, j as f64 + t);
             found.push(match first_is_over {
-                true => Crossing { over: first, under: second, is_positive: area > 0.0 },
-                false => Crossing { over: second, under: first, is_positive: area < 0.0 },
+                true => Crossing {
+                    over: first,
+                    under: second,
+                    is_positive: area > 0.0,
+                },
+                false => Crossing {
+                    over: second,
+                    under: first,
+                    is_positive: area < 0.0,
+                },
             });
         }
     }
@@ -143,7 +158,11 @@ fn has_trivial_polynomial(crossings: &[Crossing], rng: &mut StdRng) -> bool {
     let arc_of = |place: f64| crossings.partition_point(|c| c.under < place) % n;
     let mut matrix = vec![vec![0u64; n]; n];
     for (i, crossing) in crossings.iter().enumerate() {
-        let (before, after) = if crossing.is_positive { (PRIME - 1, t) } else { (t, PRIME - 1) };
+        let (before, after) = if crossing.is_positive {
+            (PRIME - 1, t)
+        } else {
+            (t, PRIME - 1)
+        };
         let row = &mut matrix[i];
         let mut add = |k: usize, x: u64| row[k] = (row[k] + x) % PRIME;
         add(arc_of(crossing.over), PRIME + 1 - t);
@@ -230,7 +249,11 @@ mod tests {
             (9.0, 1.0, false),
             (1.0, 0.0, false),
         ] {
-            assert_eq!(is_knotted(&torus_curve(around, through, 240)), expected, "{around} {through}");
+            assert_eq!(
+                is_knotted(&torus_curve(around, through, 240)),
+                expected,
+                "{around} {through}"
+            );
         }
     }
 
@@ -240,7 +263,11 @@ mod tests {
         let mut rng = StdRng::seed_from_u64(3);
         for (around, through, expected) in [(1.0, 7.0, true), (5.0, 1.0, true), (2.0, 3.0, false)] {
             let crossings = crossings(&projected(&torus_curve(around, through, 101), &mut rng));
-            assert_eq!(has_trivial_polynomial(&crossings, &mut rng), expected, "{around} {through}");
+            assert_eq!(
+                has_trivial_polynomial(&crossings, &mut rng),
+                expected,
+                "{around} {through}"
+            );
         }
     }
 }

@@ -46,7 +46,6 @@ impl LatticeMap {
         let sign = if self.is_turned { -1.0 } else { 1.0 };
         [sign * (u + f64::from(self.twist) * v), sign * v]
     }
-
 }
 
 /// A surface of genus 1 with what its layouts have in common: the translations of its universal cover, and its hierarchy.
@@ -95,7 +94,10 @@ impl Periods {
     pub fn coordinates(&self, x: &Vector) -> [f64; 2] {
         let [a, b] = &self.0;
         let determinant = a.x * b.y - a.y * b.x;
-        [(x.x * b.y - x.y * b.x) / determinant, (a.x * x.y - a.y * x.x) / determinant]
+        [
+            (x.x * b.y - x.y * b.x) / determinant,
+            (a.x * x.y - a.y * x.x) / determinant,
+        ]
     }
 }
 
@@ -140,7 +142,10 @@ impl TorusSurface {
 
     /// Adds the loop that bounds in the solid so often to that around the handle.
     fn twist(&mut self, twist: i32) {
-        let map = LatticeMap { is_turned: false, twist };
+        let map = LatticeMap {
+            is_turned: false,
+            twist,
+        };
         for shift in self.translations.iter_mut().flatten().chain(&mut self.ring_shifts) {
             *shift = map.apply(*shift);
         }
@@ -272,9 +277,7 @@ fn meridian(embedding: &ToroidalEmbedding) -> Vec<Point> {
         let next = polygon.iter().cycle().skip(1);
         polygon.iter().zip(next).map(|(a, b)| (b - a).norm()).sum()
     };
-    loops
-        .min_by(|a, b| length(a).total_cmp(&length(b)))
-        .unwrap_or_default()
+    loops.min_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or_default()
 }
 
 /// The points of the surface along the line of the torus at this second coordinate.
@@ -455,7 +458,19 @@ mod tests {
         for surface in [
             shapes::torus(1.0, 0.4, 13, 7),
             shapes::torus(1.0, 0.1, 60, 9),
-            shapes::polycube(&[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0], [0, 2, 0], [1, 2, 0], [2, 2, 0]], 2),
+            shapes::polycube(
+                &[
+                    [0, 0, 0],
+                    [1, 0, 0],
+                    [2, 0, 0],
+                    [0, 1, 0],
+                    [2, 1, 0],
+                    [0, 2, 0],
+                    [1, 2, 0],
+                    [2, 2, 0],
+                ],
+                2,
+            ),
         ] {
             let torus = TorusSurface::new(&surface).unwrap();
             let layout = torus.base_layout();

@@ -140,7 +140,11 @@ mod tests {
         for turns in [0, 1, 2, 5] {
             let second = circle(200, |t| {
                 let (r, angle) = (0.3, t * f64::from(turns));
-                Point::new((1.0 + r * angle.cos()) * t.cos(), (1.0 + r * angle.cos()) * t.sin(), r * angle.sin())
+                Point::new(
+                    (1.0 + r * angle.cos()) * t.cos(),
+                    (1.0 + r * angle.cos()) * t.sin(),
+                    r * angle.sin(),
+                )
             });
             let number = linking_number(&first, &second);
             assert!((number.abs() - f64::from(turns)).abs() < 1e-10, "{number}");
@@ -163,7 +167,10 @@ mod tests {
             let [a, b] = [&loops[0], &loops[1]].map(|l| turns(&l.loop_vertices).round() as i32);
             assert_eq!((p * a + q * b).abs(), winds);
             let topology = Topology::new(&surface);
-            assert_eq!(value_on(&surface, &topology, &loops[0].cochain, &loops[0].loop_vertices), 1);
+            assert_eq!(
+                value_on(&surface, &topology, &loops[0].cochain, &loops[0].loop_vertices),
+                1
+            );
         }
     }
 }

@@ -66,7 +66,10 @@ impl ToroidalLocator {
             let (t, shift) = copies[copy as usize];
             let edges = topology.edges_of_triangle(t as usize).expect("three vertices");
             let mut sides = topology.sides(edges[side] as usize).iter();
-            let other = sides.find(|side| side.triangle != t).expect("a closed surface").triangle;
+            let other = sides
+                .find(|side| side.triangle != t)
+                .expect("a closed surface")
+                .triangle;
             let v = surface.triangles()[t as usize][side];
             let place = surface.triangles()[other as usize].iter().position(|&w| w == v);
             let other_shift = embedding.translations()[other as usize][place.expect("a shared edge")];
@@ -136,7 +139,10 @@ mod tests {
             for k in 0..3 {
                 let found = locator.locate(embedding.position(&SurfacePoint::corner(t as u32, k)));
                 let vertex = (0..3).find(|&k| found.barycentric[k] == 1.0).unwrap();
-                assert_eq!(embedding.surface().triangles()[found.triangle as usize][vertex], corners[k]);
+                assert_eq!(
+                    embedding.surface().triangles()[found.triangle as usize][vertex],
+                    corners[k]
+                );
             }
         }
     }

@@ -206,7 +206,10 @@ impl RoundTrip {
             (Some(on_target), Some(back)) => back.evaluate(&on_target),
             _ => {
                 let surface = composition.domain().surface();
-                let found = points.par_iter().with_min_len(256).filter_map(|p| composition.back_in_domain(p));
+                let found = points
+                    .par_iter()
+                    .with_min_len(256)
+                    .filter_map(|p| composition.back_in_domain(p));
                 found.map(|p| p.position(surface, surface.vertices())).collect()
             }
         };

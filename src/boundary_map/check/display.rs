@@ -69,7 +69,10 @@ impl BoundaryCheck {
             Some(_) => (true, ", plain image"),
             None => (false, ""),
         };
-        let is_torus = self.composition.as_ref().is_some_and(|composition| composition.through_torus);
+        let is_torus = self
+            .composition
+            .as_ref()
+            .is_some_and(|composition| composition.through_torus);
         let against = match self.compared_with {
             ComparedWith::Target if is_torus => "the target, through a flat torus".into(),
             ComparedWith::Target if is_composition => "the target, through the sphere".into(),

@@ -41,7 +41,9 @@ pub use embedder::SoftTargetSchedule;
 pub use landmarks::{LandmarkError, Landmarks};
 pub use options::{PairMethod, PairOptions};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
-pub use report::{PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings, TorusReport};
+pub use report::{
+    PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings, TorusReport,
+};
 pub use rotation::{RotationMatch, search_rotations};
 pub use stretch::Stretch;
 pub use targets::{VertexTarget, vertex_targets};
@@ -223,7 +225,12 @@ fn map_tori<A: ProgressResponse>(
     let of_side = |side| move |error| PairError::Torus { side, error };
     let domain = require_genus_1(domain).map_err(of_side("domain"))?;
     let target = require_genus_1(target).map_err(of_side("target"))?;
-    let of_scale = |side| move |error| PairError::Torus { side, error: ToroidalError::Surface(error) };
+    let of_scale = |side| {
+        move |error| PairError::Torus {
+            side,
+            error: ToroidalError::Surface(error),
+        }
+    };
     require_scale(&domain).map_err(of_scale("domain"))?;
     require_scale(&target).map_err(of_scale("target"))?;
     let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {

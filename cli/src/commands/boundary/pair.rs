@@ -131,15 +131,27 @@ fn start_words(kind: PairStartKind) -> &'static str {
 }
 
 fn torus_method(pair: &PairReport) -> String {
-    let Some(TorusReport { compared, is_turned, twist, runner_up }) = pair.torus else {
+    let Some(TorusReport {
+        compared,
+        is_turned,
+        twist,
+        runner_up,
+    }) = pair.torus
+    else {
         return "flat tori of both".into();
     };
-    let direction = if is_turned { "loops turned round" } else { "loops as they run" };
+    let direction = if is_turned {
+        "loops turned round"
+    } else {
+        "loops as they run"
+    };
     let next = match runner_up {
         Some(ratio) => format!("; the next class has {ratio:.2} times its energy"),
         None => String::new(),
     };
-    format!("flat tori of both, the best of {compared} classes and translations: {direction}, twisted {twist} times{next}")
+    format!(
+        "flat tori of both, the best of {compared} classes and translations: {direction}, twisted {twist} times{next}"
+    )
 }
 
 fn summary(report: &PairSummary) -> String {
@@ -164,7 +176,9 @@ fn summary(report: &PairSummary) -> String {
         [
             "map".into(),
             match pair.method {
-                PairMethod::FlatTori => "one to one: no triangle flipped on the torus, degree 1, decided exactly".into(),
+                PairMethod::FlatTori => {
+                    "one to one: no triangle flipped on the torus, degree 1, decided exactly".into()
+                }
                 _ => "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
             },
         ],
@@ -207,8 +221,15 @@ fn summary(report: &PairSummary) -> String {
         format!(
             "{:.1} s: {} {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}",
             seconds.total,
-            if pair.method == PairMethod::FlatTori { "tori" } else { "spheres" },
-            seconds.sphere, seconds.align, seconds.coarse, seconds.improve
+            if pair.method == PairMethod::FlatTori {
+                "tori"
+            } else {
+                "spheres"
+            },
+            seconds.sphere,
+            seconds.align,
+            seconds.coarse,
+            seconds.improve
         ),
     ]);
     rows.push(memory_row(report.peak_rss_bytes));

@@ -88,11 +88,9 @@ pub(super) fn add_image_derivatives<const N: usize>(
     let w = 0.25 * rest.area;
     sum.gradient += (gs * by_s + gc * by_c) * w;
     let cross = gs * gc.transpose();
-    sum.hessian += (metric * own
-        + gs * gs.transpose() * (p - part)
-        + (cross + cross.transpose()) * q
-        + gc * gc.transpose() * r)
-        * w;
+    sum.hessian +=
+        (metric * own + gs * gs.transpose() * (p - part) + (cross + cross.transpose()) * q + gc * gc.transpose() * r)
+            * w;
 }
 
 /// The semidefinite matrix nearest to `[[a, b], [b, c]]`.
@@ -142,7 +140,8 @@ pub(super) fn barrier_derivatives(corners: [&Vector; 3], rest: &RestShape) -> De
     let cross = gq * gd.transpose();
     Derivatives {
         gradient: (gq / d - gd * (q / (d * d))) * w,
-        hessian: (metric / d - (cross + cross.transpose()) / (d * d) + gd * gd.transpose() * (2.0 * q / (d * d * d))) * w,
+        hessian: (metric / d - (cross + cross.transpose()) / (d * d) + gd * gd.transpose() * (2.0 * q / (d * d * d)))
+            * w,
     }
 }
 
@@ -178,7 +177,11 @@ mod tests {
                     image_energy(at(&moved).each_ref(), &rest(), softness)
                 };
                 let slope = (value(1e-6) - value(-1e-6)) / 2e-6;
-                assert!((slope - sum.gradient[i]).abs() < 1e-7, "{i}: {slope} {}", sum.gradient[i]);
+                assert!(
+                    (slope - sum.gradient[i]).abs() < 1e-7,
+                    "{i}: {slope} {}",
+                    sum.gradient[i]
+                );
             }
             let values = sum.hessian.symmetric_eigenvalues();
             assert!(values.min() > -1e-9 * values.max());
@@ -192,7 +195,11 @@ mod tests {
                 barrier(moved.each_ref(), &rest()).unwrap()
             };
             let slope = (value(1e-6) - value(-1e-6)) / 2e-6;
-            assert!((slope - found.gradient[i]).abs() < 1e-9, "{i}: {slope} {}", found.gradient[i]);
+            assert!(
+                (slope - found.gradient[i]).abs() < 1e-9,
+                "{i}: {slope} {}",
+                found.gradient[i]
+            );
         }
     }
 }

@@ -20,7 +20,7 @@ use crate::{Point, Vector};
 
 /// The target as the domain's layouts see it: from places in the plane to points of it.
 pub(super) struct TargetTorus<'a> {
-    embedding: &'a ToroidalEmbedding,
+    pub embedding: &'a ToroidalEmbedding,
     locator: ToroidalLocator,
     pub periods: Periods,
     /// Lengths of the target are multiplied by this, so that its area is that of the torus.
@@ -52,6 +52,11 @@ impl<'a> TargetTorus<'a> {
             point: found.point.position(surface, surface.vertices()) * self.scale,
             copy: found.copy,
         }
+    }
+
+    /// Diagonal of the target.
+    pub fn diagonal(&self) -> f64 {
+        self.embedding.surface().diagonal()
     }
 
     /// The point of the target itself.
@@ -162,7 +167,9 @@ impl<'a> TorusEnergy<'a> {
         let of_sample = |(&(t, local), hint): (&(u32, u32), &AtomicU32)| {
             let corners = self.corners(t as usize, x);
             let [l, m, n] = self.cut.samples[local as usize];
-            let image = self.target.image(&(corners[0] * l + corners[1] * m + corners[2] * n), hint.load(Relaxed));
+            let image = self
+                .target
+                .image(&(corners[0] * l + corners[1] * m + corners[2] * n), hint.load(Relaxed));
             hint.store(image.copy, Relaxed);
             image.point
         };

@@ -12,22 +12,25 @@ mod energy;
 mod search;
 mod star;
 
+use rayon::prelude::*;
+
 use super::{
     PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport, PairStartKind, PairTimings,
     Stretch, TorusReport, distortion, is_lower,
 };
-use crate::Point;
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::toroidal::{PartialLayout, ToroidalEmbedding, ToroidalError, TorusSurface};
 use energy::TargetTorus;
-use search::{COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, candidates, compared_energy, optimise};
+use search::{COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, Rating, candidates, compared_energy, optimise};
 
 /// Vertices of the domain when classes are compared, and when the best are compared again.
 const SEARCH_VERTICES: usize = 300;
-const COMPARED_VERTICES: usize = 1200;
+const COMPARED_VERTICES: usize = 600;
 /// Candidates are compared again when their energy is at most this times the least, and this many.
 const AS_GOOD_COARSE: f64 = 1.25;
 const MOST_COMPARED: usize = 3;
+/// Maps the other way are sought, too, when the least energy is above this.
+const HARD: f64 = 2.0;
 /// Rounds at the end, and the relative decrease of the energy below which one is the last.
 const LAST_ROUNDS: usize = 6;
 const LEAST_DECREASE: f64 = 3e-3;
@@ -59,6 +62,13 @@ fn effort(vertices: usize) -> Effort {
             newton: 1,
         },
     }
+}
+
+/// A search for maps of one surface to another.
+#[derive(Clone, Copy)]
+struct Search<'a> {
+    domain: &'a Laid,
+    target: &'a TargetTorus<'a>,
 }
 
 /// A surface with its own embedding.
@@ -93,31 +103,42 @@ impl PairMapping<'_> {
         let (domain, target) = (domain.map_err(of_side("domain"))?, target.map_err(of_side("target"))?);
         let laid = self.elapsed();
 
-        self.report(PairPhase::CoarseEmbeddings {
-            vertices: domain.coarse.inserted.len(),
-            done: 0,
-            of: search::compared_at_first(),
-        })?;
-        let target_torus = TargetTorus::new(&target.embedding, target.fine.periods);
-        let points = domain.torus.surface().vertices();
-        let in_place = |layout: &PartialLayout| mean_distance(layout, &target_torus, points);
-        let rating: Option<&(dyn Fn(&PartialLayout) -> f64 + Sync)> = match self.options.aligned {
-            true => Some(&in_place),
-            false => None,
+        let onto_target = TargetTorus::new(&target.embedding, target.fine.periods);
+        let there = Search {
+            domain: &domain,
+            target: &onto_target,
         };
-        let mut ranked = candidates(&domain.coarse, &target_torus, points, rating);
-        let coarse_energies = ranked.len();
-        self.compare_again(&domain, &target_torus, &mut ranked)?;
+        let mut search = &there;
+        let mut ranked = self.searched(search)?;
+        // Maps are as good as their inverses, and coarse triangles see more of a plain surface between their samples than of one
+        // with thin walls.
+        let onto_domain = TargetTorus::new(&domain.embedding, domain.fine.periods);
+        let back = Search {
+            domain: &target,
+            target: &onto_domain,
+        };
+        if ranked.first().is_none_or(|best| best.energy > HARD) {
+            let others = self.searched(&back)?;
+            let least = |ranked: &[Candidate]| ranked.first().map_or(f64::INFINITY, |best| best.energy);
+            if least(&others) < least(&ranked) {
+                (search, ranked) = (&back, others);
+            }
+        }
+        let is_reversed = std::ptr::eq(search, &back);
         let compared = self.elapsed();
 
         let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
+        let before = search
+            .domain
+            .fine
+            .mapped(&search.target.periods, best.layout.map, best.by);
         let after = match self.options.improve {
-            true => self.completed_on_torus(&domain, &target_torus, best)?,
-            false => domain.fine.mapped(&target_torus.periods, best.layout.map, best.by),
+            true => self.completed_on_torus(search, best)?,
+            false => before.clone(),
         };
         let improved = self.elapsed();
-        let before = domain.fine.mapped(&target_torus.periods, best.layout.map, best.by);
-        let (map, distortions, stretch) = self.measured_on_torus(&domain, &target, &before, &after)?;
+        let through = |layout: &PartialLayout| self.through_torus(search, is_reversed, layout);
+        let (map, distortions, stretch) = self.measured_on_torus(through, &before, &after)?;
 
         let mut warnings = Vec::new();
         let other_class = others.iter().find(|other| other.layout.map != best.layout.map);
@@ -129,7 +150,7 @@ impl PairMapping<'_> {
                 runner_up.unwrap_or_default()
             ));
         }
-        let diagonal = self.target.diagonal();
+        let diagonal = search.target.diagonal();
         let mut kept: Vec<&Candidate> = Vec::new();
         for other in others {
             if kept.iter().all(|kept| kept.layout.map != other.layout.map) && other.layout.map != best.layout.map {
@@ -138,14 +159,13 @@ impl PairMapping<'_> {
         }
         let mut alternatives = Vec::new();
         for other in kept.iter().take(self.options.alternatives) {
-            let layout = self.completed_on_torus(&domain, &target_torus, other)?;
-            alternatives.push(self.through_torus(&domain, &target, &layout)?);
+            alternatives.push(through(&self.completed_on_torus(search, other)?)?);
         }
         let report = PairReport {
             method: PairMethod::FlatTori,
             landmarks: 0,
             landmark_error: 0.0,
-            coarse_embeddings: coarse_energies,
+            coarse_embeddings: ranked.len(),
             starts: vec![],
             start: 0,
             alternatives: kept
@@ -153,7 +173,7 @@ impl PairMapping<'_> {
                 .map(|other| PairAlternative {
                     kind: PairStartKind::Class,
                     energy_ratio: other.energy / best.energy,
-                    distance: distance(other, best, &target_torus) / diagonal,
+                    distance: distance(other, best, search.target) / diagonal,
                 })
                 .collect(),
             rotations: vec![],
@@ -161,7 +181,11 @@ impl PairMapping<'_> {
             torus: Some(TorusReport {
                 compared: search::compared_at_first(),
                 is_turned: best.layout.map.is_turned,
-                twist: best.layout.map.twist,
+                twist: if is_reversed {
+                    -best.layout.map.twist
+                } else {
+                    best.layout.map.twist
+                },
                 runner_up,
             }),
             before: distortions[0],
@@ -184,10 +208,22 @@ impl PairMapping<'_> {
         })
     }
 
-    /// Refines the best candidates, and puts the better ones first.
-    fn compare_again(&self, domain: &Laid, target: &TargetTorus, ranked: &mut [Candidate]) -> Result<(), PairError> {
+    /// The candidates of a search, the best of them refined and compared again.
+    fn searched(&self, search: &Search) -> Result<Vec<Candidate>, PairError> {
+        self.report(PairPhase::CoarseEmbeddings {
+            vertices: search.domain.coarse.inserted.len(),
+            done: 0,
+            of: search::compared_at_first(),
+        })?;
+        let rating = if self.options.aligned {
+            Rating::Distance
+        } else {
+            Rating::Energy
+        };
+        let Search { domain, target } = *search;
+        let mut ranked = candidates(&domain.coarse, target, domain.torus.surface().vertices(), rating);
         let Some(most) = ranked.first().map(|best| AS_GOOD_COARSE * best.energy) else {
-            return Ok(());
+            return Ok(ranked);
         };
         let again = ranked.iter().take(MOST_COMPARED).filter(|c| c.energy <= most).count();
         let points = domain.torus.surface().vertices();
@@ -200,23 +236,19 @@ impl PairMapping<'_> {
                 None => f64::INFINITY,
             };
         };
-        use rayon::prelude::*;
         ranked[..again].par_iter_mut().for_each(refine);
         ranked[..again].sort_by(|a, b| a.energy.total_cmp(&b.energy));
         self.report(PairPhase::Refining {
             vertices: ranked[0].layout.inserted.len(),
             total: points.len(),
             energy: super::ISOMETRY_ENERGY * ranked[0].energy,
-        })
+        })?;
+        Ok(ranked)
     }
 
     /// A candidate with the rest of the vertices, and its distortion lowered.
-    fn completed_on_torus(
-        &self,
-        domain: &Laid,
-        target: &TargetTorus,
-        coarse: &Candidate,
-    ) -> Result<PartialLayout, PairError> {
+    fn completed_on_torus(&self, search: &Search, coarse: &Candidate) -> Result<PartialLayout, PairError> {
+        let Search { domain, target } = *search;
         let points = domain.torus.surface().vertices();
         let mut layout = coarse.layout.clone();
         let refined = layout.refine(&domain.torus, usize::MAX, |layout| {
@@ -260,27 +292,37 @@ impl PairMapping<'_> {
         Ok(layout)
     }
 
-    fn through_torus(&self, domain: &Laid, target: &Laid, layout: &PartialLayout) -> Result<BoundaryMap, PairError> {
-        let embedding = domain.torus.embedded(layout);
-        let embedding = embedding.map_err(|error| PairError::Torus { side: "domain", error })?;
-        Ok(BoundaryMap::through_torus(embedding, target.embedding.clone())?)
+    /// The map of a layout of all vertices, turned round if the target was laid out on the domain's torus.
+    fn through_torus(
+        &self,
+        search: &Search,
+        is_reversed: bool,
+        layout: &PartialLayout,
+    ) -> Result<BoundaryMap, PairError> {
+        let side = if is_reversed { "target" } else { "domain" };
+        let embedding = search.domain.torus.embedded(layout);
+        let embedding = embedding.map_err(|error| PairError::Torus { side, error })?;
+        let onto = search.target.embedding.clone();
+        Ok(match is_reversed {
+            true => BoundaryMap::through_torus(onto, embedding)?,
+            false => BoundaryMap::through_torus(embedding, onto)?,
+        })
     }
 
     /// The better one of the maps before and after optimisation, with the distortion of both, and how far it stretches.
     fn measured_on_torus(
         &self,
-        domain: &Laid,
-        target: &Laid,
+        through: impl Fn(&PartialLayout) -> Result<BoundaryMap, PairError>,
         before: &PartialLayout,
         after: &PartialLayout,
     ) -> Result<(BoundaryMap, [SurfaceDistortion; 2], Stretch), PairError> {
         self.report(PairPhase::Measuring { done: 0, of: 2 })?;
         let no_area = || PairError::from(super::AlignError::NoArea { side: "domain" });
-        let last = self.through_torus(domain, target, after)?;
+        let last = through(after)?;
         let of_last = distortion(&last).ok_or_else(no_area)?;
         self.report(PairPhase::Measuring { done: 1, of: 2 })?;
         // Without optimisation, thin triangles may be too fine under a twist.
-        let first = self.through_torus(domain, target, before).ok();
+        let first = through(before).ok();
         let of_first = first.as_ref().and_then(distortion);
         let (map, distortions) = match first.zip(of_first) {
             Some((first, of_first)) if !is_lower(&of_last, &of_first) => (first, [of_first; 2]),
@@ -289,12 +331,6 @@ impl PairMapping<'_> {
         let stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
         Ok((map, distortions, stretch))
     }
-}
-
-/// The mean distance of vertices of the domain from their images.
-fn mean_distance(layout: &PartialLayout, target: &TargetTorus, points: &[Point]) -> f64 {
-    let distance = |&v: &u32| (target.position(&layout.places[v as usize]) - points[v as usize]).norm();
-    layout.inserted.iter().map(distance).sum::<f64>() / layout.inserted.len() as f64
 }
 
 /// The mean distance of the images of the vertices that both have.
@@ -322,4 +358,3 @@ pub(super) fn require_options(options: &super::PairOptions) -> Result<(), PairEr
         None => Ok(()),
     }
 }
-

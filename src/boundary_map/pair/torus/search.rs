@@ -8,9 +8,9 @@ use rayon::prelude::*;
 
 use super::energy::{Cut, TargetTorus, TorusEnergy};
 use super::star::Sweeper;
-use crate::Point;
 use crate::spherical::{Newton, NewtonOptions, Objective};
 use crate::toroidal::{LatticeMap, PartialLayout};
+use crate::{Point, Vector};
 
 /// Translations along each side of the square.
 const TRANSLATIONS: usize = 12;
@@ -54,7 +54,7 @@ pub(super) struct Effort {
 }
 
 const FIRST: Effort = Effort {
-    cuts: 1,
+    cuts: 2,
     softness: COARSE_SOFTNESS,
     new_sweeps: 0,
     sweeps: 10,
@@ -105,13 +105,20 @@ pub(super) fn compared_at_first() -> usize {
     classes().len() * TRANSLATIONS * TRANSLATIONS
 }
 
-/// The best candidates, each of another class or from another translation, best first; `distance` rates a layout beforehand in
-/// place of its energy.
+/// What classes and translations are rated by before any map is optimised.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Rating {
+    Energy,
+    /// The mean distance of vertices from their images, for solids in the same place.
+    Distance,
+}
+
+/// The best candidates, each of another class or from another translation, best first.
 pub(super) fn candidates(
     coarse: &PartialLayout,
     target: &TargetTorus,
     points: &[Point],
-    rating: Option<&(dyn Fn(&PartialLayout) -> f64 + Sync)>,
+    rating: Rating,
 ) -> Vec<Candidate> {
     let starts = starts(coarse, target, points, rating);
     let optimised = |mut layout: PartialLayout, by: [f64; 2], effort: &Effort| {
@@ -159,29 +166,28 @@ fn sort(candidates: &mut [Candidate]) {
     candidates.sort_by(|a, b| a.energy.total_cmp(&b.energy));
 }
 
-/// Classes and translations of the least energy, or rating.
+/// Classes and translations of the least ratings.
 fn starts(
     coarse: &PartialLayout,
     target: &TargetTorus,
     points: &[Point],
-    rating: Option<&(dyn Fn(&PartialLayout) -> f64 + Sync)>,
+    rating: Rating,
 ) -> Vec<(LatticeMap, [f64; 2])> {
     let of_class = |map: LatticeMap| {
         let layout = coarse.mapped(&target.periods, map, [0.0; 2]);
         let energy = TorusEnergy::new(target, &layout, points, Cut::new(1), COARSE_SOFTNESS);
+        let mut places = layout.places.clone();
         let of_step = move |step: usize| {
             let steps = [step / TRANSLATIONS, step % TRANSLATIONS];
-            let by = steps.map(|count| count as f64 / TRANSLATIONS as f64);
-            let translation = layout.periods.place(by) - crate::Vector::z();
-            let mut moved = layout.clone();
+            let translation = target.periods.place(translation(steps)) - Vector::z();
             for &v in &layout.inserted {
-                moved.places[v as usize] += translation;
+                places[v as usize] = layout.places[v as usize] + translation;
             }
-            let energy = match rating {
-                Some(rating) => rating(&moved),
-                None => energy.mean(&moved.places, MOST_COMPARED),
+            let rated = match rating {
+                Rating::Distance => mean_distance(&layout.inserted, &places, target, points),
+                Rating::Energy => energy.mean(&places, MOST_COMPARED),
             };
-            (energy, map, steps)
+            (rated, map, steps)
         };
         (0..TRANSLATIONS * TRANSLATIONS).map(of_step).collect::<Vec<_>>()
     };
@@ -204,6 +210,15 @@ fn starts(
             kept.push((map, steps));
         }
     }
-    let by = |steps: [usize; 2]| steps.map(|count| count as f64 / TRANSLATIONS as f64);
-    kept.into_iter().map(|(map, steps)| (map, by(steps))).collect()
+    kept.into_iter().map(|(map, steps)| (map, translation(steps))).collect()
+}
+
+fn translation(steps: [usize; 2]) -> [f64; 2] {
+    steps.map(|count| count as f64 / TRANSLATIONS as f64)
+}
+
+/// The mean distance of these vertices from their images.
+fn mean_distance(vertices: &[u32], places: &[Vector], target: &TargetTorus, points: &[Point]) -> f64 {
+    let distance = |&v: &u32| (target.position(&places[v as usize]) - points[v as usize]).norm();
+    vertices.iter().map(distance).sum::<f64>() / vertices.len() as f64
 }

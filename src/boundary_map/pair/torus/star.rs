@@ -37,7 +37,13 @@ struct Star<'a> {
 }
 
 impl<'a> Sweeper<'a> {
-    pub fn new(target: &'a TargetTorus<'a>, layout: &PartialLayout, points: &[Point], cuts: usize, softness: f64) -> Self {
+    pub fn new(
+        target: &'a TargetTorus<'a>,
+        layout: &PartialLayout,
+        points: &[Point],
+        cuts: usize,
+        softness: f64,
+    ) -> Self {
         let area_scale = layout.area_scale(points);
         let cut = Cut::new(cuts);
         let of_vertex = |&v: &u32| {
@@ -140,7 +146,11 @@ impl<'a> Star<'a> {
             for j in 0..layer {
                 let along = j as f64 / layer as f64;
                 let outer = if j == 0 { *a } else { a * (1.0 - along) + b * along };
-                places.push(if layer == self.cuts { outer } else { x * (1.0 - share) + outer * share });
+                places.push(if layer == self.cuts {
+                    outer
+                } else {
+                    x * (1.0 - share) + outer * share
+                });
             }
         }
         places
@@ -218,7 +228,11 @@ impl<'a> Star<'a> {
         for layer in 1..self.cuts {
             share.extend(std::iter::repeat_n(1.0 - layer as f64 / self.cuts as f64, n * layer));
         }
-        let chains: Vec<Chain<2>> = slopes.iter().zip(&share).map(|((slope, area), w)| slope * (w / area)).collect();
+        let chains: Vec<Chain<2>> = slopes
+            .iter()
+            .zip(&share)
+            .map(|((slope, area), w)| slope * (w / area))
+            .collect();
         let still = Chain::<2>::zeros();
         let mut sum = Derivatives::<2>::zeros();
         for i in 0..n {
