@@ -21,4 +21,5 @@ mod schwarz;
 mod sequence;
 mod spherical;
 mod texture;
+mod torus;
 mod transfer;

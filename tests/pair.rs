@@ -13,7 +13,7 @@ use solidmap::boundary_map::pair::{
 use solidmap::files;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
-use solidmap::spherical::{SphericalError, check_embedding};
+use solidmap::spherical::check_embedding;
 use solidmap::{Point, Vector};
 
 fn pair(domain: &SurfaceMesh, target: &SurfaceMesh, options: &PairOptions) -> (BoundaryMap, PairReport) {

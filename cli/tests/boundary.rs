@@ -220,16 +220,39 @@ fn a_fit_to_a_model_is_the_fit_to_the_boundary_file_of_the_pair() {
 fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
     let place = with_two_solids();
     place.surface("ring.obj", &shapes::torus(1.0, 0.3, 12, 6));
+    place.surface("plate.obj", &shapes::double_torus(1));
+    let sphere = shapes::sphere(1.0, 1);
+    let open = SurfaceMesh::new(sphere.vertices().to_vec(), sphere.triangles()[1..].to_vec()).unwrap();
+    place.surface("open.obj", &open);
+    std::fs::write(place.path("one.txt"), "0 0\n").unwrap();
     std::fs::write(place.path("far.txt"), "0 100000\n").unwrap();
     std::fs::write(place.path("words.txt"), "nose nose\n").unwrap();
     for (line, fragments) in [
         (
             "pair domain.obj ring.obj",
-            vec!["cannot map `ring.obj` to the sphere: the surface has genus 1"],
+            vec![
+                "cannot map `domain.obj` to `ring.obj`",
+                "the domain has genus 0 and the target genus 1",
+            ],
         ),
         (
             "pair ring.obj domain.obj",
-            vec!["cannot map `ring.obj` to the sphere: the surface has genus 1"],
+            vec![
+                "cannot map `ring.obj` to `domain.obj`",
+                "the domain has genus 1 and the target genus 0",
+            ],
+        ),
+        (
+            "pair plate.obj plate.obj",
+            vec!["cannot map `plate.obj` to `plate.obj`", "both solids have genus 2"],
+        ),
+        (
+            "pair ring.obj open.obj",
+            vec!["cannot map `open.obj` to the sphere", "hole"],
+        ),
+        (
+            "pair ring.obj ring.obj --landmarks one.txt",
+            vec!["cannot map `ring.obj` to `ring.obj`", "landmarks cannot be used"],
         ),
         ("pair domain.obj missing.obj", vec!["missing.obj"]),
         (
@@ -314,4 +337,46 @@ fn what_does_not_go_to_the_sphere_ends_with_2_and_is_named() {
         assert!(words.contains(fragment), "{line}: {words}");
     }
     assert!(!place.path("image.obj").exists() && !place.path("image.png").exists());
+}
+
+#[test]
+fn a_plate_with_a_hole_is_mapped_to_a_ring_and_its_cells_are_carried_there() {
+    let place = Workplace::new();
+    let cubes: Vec<[i32; 3]> = (0..9).filter(|k| *k != 4).map(|k| [k % 3, k / 3, 0]).collect();
+    let plate = shapes::polycube(&cubes, 3);
+    place.surface("plate.obj", &plate);
+    let ring = shapes::torus(1.0, 0.4, 30, 14);
+    place.surface("ring.obj", &ring);
+    let line = "boundary pair plate.obj ring.obj -o image.ply --boundary way.safetensors --png map.png --vtu map.vtu \
+                --alternatives 1";
+    let words = text(&place.ends_with(0, line).stdout);
+    for fragment in [
+        "no triangle flipped on the torus",
+        "flat tori of both",
+        "the next class has",
+    ] {
+        assert!(words.contains(fragment), "{fragment}: {words}");
+    }
+    assert!(std::fs::read(place.path("map.png")).unwrap().starts_with(b"\x89PNG"));
+    assert!(place.path("image.2.ply").exists() && place.path("way.2.safetensors").exists());
+    let output = place.ends_with(0, "boundary check way.safetensors --png check.png");
+    let words = text(&output.stdout);
+    assert!(words.contains("One to one with the target, decided exactly") && words.contains("through a flat torus"));
+    let report = place.report(0, "boundary check plate.obj way.safetensors --target ring.obj --json");
+    assert_eq!(report["verdict"], "bijective");
+    assert!(report["composition"]["round_trip"]["max"].as_f64().unwrap() < 1e-9);
+
+    let direct = place.report(
+        0,
+        "fit plate.obj --target ring.obj -o direct.map --tolerance 0.01 --json",
+    );
+    let by_file = place.report(
+        0,
+        "fit --boundary way.safetensors -o by_file.map --tolerance 0.01 --json",
+    );
+    assert_eq!(direct["boundary_error"], by_file["boundary_error"]);
+    let report = place.report(0, "remesh direct.map --kind hex --cells 12 -o cells.vtu --json");
+    assert_eq!(report["after"]["inverted"].as_u64(), Some(0), "{report}");
+    let volume = io::read_cells(place.path("cells.vtu")).unwrap().volume();
+    assert!((volume / ring.volume() - 1.0).abs() < 0.05, "{volume}");
 }

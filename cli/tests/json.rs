@@ -157,6 +157,12 @@ fn place() -> Workplace {
     );
     let ball = shapes::sphere(1.0, 2);
     place.surface("ball.ply", &ball);
+    let ring = shapes::torus(1.0, 0.4, 16, 8);
+    place.surface("ring.ply", &ring);
+    place.surface(
+        "oval.ply",
+        &shapes::deformed(&ring, |p| Point::new(1.2 * p.x + 0.1 * p.y * p.y, p.y, p.z)),
+    );
     place.surface("bent.ply", &shapes::deformed(&ball, bent(0.2)));
     place.surface(
         "folded.ply",
@@ -223,6 +229,11 @@ fn every_field_of_a_report_is_documented_and_written() {
             "boundary pair",
             "boundary pair cube.ply needle.ply -o r.ply --alternatives 2 --max-stretched 1",
         ),
+        (
+            "boundary pair",
+            "boundary pair ring.ply oval.ply -o t.ply --boundary t.safetensors",
+        ),
+        ("boundary check", "boundary check t.safetensors"),
         ("boundary check", "boundary check ball.ply bent.ply"),
         ("boundary check", "boundary check ball.ply folded.ply --target ball.ply"),
         ("boundary check", "boundary check p.safetensors"),

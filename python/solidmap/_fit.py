@@ -81,7 +81,7 @@ def fit(
     boundary : BoundaryMap or path, optional
         A boundary map, which says where every point goes and not only the vertices.
     target : surface or "sphere", optional
-        Solid without handles to map onto: the boundary map is made first.
+        Solid to map onto, with at most one handle and as many as ``surface``: the boundary map is made first.
     tolerance : float
         Boundary error to reach over 99 % of the area, as a fraction of the target's diagonal. Sources are added where it
         is larger; if it cannot be reached, the best map is returned, and its ``tolerance_met`` is ``False``.

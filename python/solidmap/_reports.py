@@ -305,6 +305,7 @@ class PairReport(Report):
     alternatives: List[Dict[str, Any]]
     rotations: List[float]
     schedule: Optional[Dict[str, Any]]
+    torus: Optional[Dict[str, Any]]
     before: Dict[str, Any]
     after: Dict[str, Any]
     stretch: Dict[str, Any]
@@ -315,8 +316,9 @@ class PairReport(Report):
 
     def _rows(self) -> Rows:
         stretch = self.stretch
+        surface = "torus" if self.torus else "sphere"
         rows = [
-            ("map", "one to one: no triangle flipped on the sphere, degree 1, decided exactly"),
+            ("map", f"one to one: no triangle flipped on the {surface}, degree 1, decided exactly"),
             ("coarse", f"the best of {self.coarse_embeddings} coarse embeddings"),
         ]
         if self.landmarks:

@@ -333,12 +333,12 @@ def pair(
     progress: Progress = None,
     time_limit: Optional[float] = None,
 ) -> BoundaryMap:
-    """Map the boundary of a solid without handles one to one to that of another.
+    """Map the boundary of a solid one to one to that of another: of solids without handles, or with one each.
 
     Parameters
     ----------
     domain, target : surface
-        Closed, of genus 0.
+        Closed, both of genus 0 or both of genus 1. For genus 1 there are no landmarks, curves, axes or starts.
     landmarks : array_like of integers, shape (k, 2), or the name of a file, optional
         Vertices of the domain that go to vertices of the target.
     landmarks_weight : float, optional

@@ -320,7 +320,7 @@ pub struct PairArguments {
     alternatives: usize,
 }
 
-/// The map of a surface of genus 0 to another, its report, and whether it looks wrong; and other maps.
+/// The map of a surface of genus 0 or 1 to another, its report, and whether it looks wrong; and other maps.
 #[pyfunction]
 #[pyo3(signature = (domain, target, arguments, start, inputs, progress=None, time_limit=None))]
 #[allow(clippy::too_many_arguments, reason = "it is called from Python, by keywords")]

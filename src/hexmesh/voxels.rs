@@ -4,11 +4,12 @@ use super::{
     Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, boxes_per_lattice_cell, carried, lattice_of,
 };
 use crate::boundary_map::SurfaceDistortion;
-use crate::boundary_map::pair::{PairOptions, map_pair};
+use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
 use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::polycube::{MakePolycubeError, VoxelPolycube, VoxelPolycubeError};
 use crate::progress::ProgressControl;
 use crate::remesh::CellSize;
+use crate::spherical::require_genus_0;
 
 /// Voxels along the longest side of the model, at least, where cells are small enough.
 const LEAST_ALONG: usize = 12;
@@ -49,6 +50,7 @@ pub(super) fn hexmesh(
     if !has_volume {
         return Err(HexmeshError::NoVolume);
     }
+    require_genus_0(&target).map_err(|error| PairError::Sphere { side: "target", error })?;
     let boxes = boxes_per_lattice_cell(options.kind);
     let size = lattice_size(options, &target)?;
     let along = longest_side(&target) / size;

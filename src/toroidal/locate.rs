@@ -136,13 +136,10 @@ mod tests {
             }
         }
         for (t, corners) in embedding.surface().triangles().iter().enumerate() {
-            for k in 0..3 {
+            for (k, &corner) in corners.iter().enumerate() {
                 let found = locator.locate(embedding.position(&SurfacePoint::corner(t as u32, k)));
                 let vertex = (0..3).find(|&k| found.barycentric[k] == 1.0).unwrap();
-                assert_eq!(
-                    embedding.surface().triangles()[found.triangle as usize][vertex],
-                    corners[k]
-                );
+                assert_eq!(embedding.surface().triangles()[found.triangle as usize][vertex], corner);
             }
         }
     }

@@ -72,8 +72,8 @@ struct PairReport {
 
 /// Where every point of a domain's surface goes. Immutable; copies share their data and cost nothing.
 ///
-/// Given by the images of the vertices, it is linear over the triangles. Composed of spherical embeddings (to_sphere(),
-/// pair()), it is a bijection, decided exactly, and points between vertices go onto the target's surface, not onto
+/// Given by the images of the vertices, it is linear over the triangles. Composed of embeddings in the sphere or a flat
+/// torus (to_sphere(), pair()), it is a bijection, decided exactly, and points between vertices go onto the target's surface, not onto
 /// chords.
 class BoundaryMap {
  public:
@@ -87,8 +87,8 @@ class BoundaryMap {
   /// cores. Throws Error (invalid_input, numerical, cancelled).
   static BoundaryMap to_sphere(const Surface& domain, SphereEnergy energy = SphereEnergy::balanced,
                                const ProgressCallback& progress = {});
-  /// A bijection between two surfaces of genus 0 without a known correspondence. About 20 s for 15 000 vertices on two
-  /// cores. The callback is called about ten times per second.
+  /// A bijection between two surfaces of genus 0, or two of genus 1 (without landmarks), and no known correspondence. About
+  /// 20 s for 15 000 vertices on two cores. The callback is called about ten times per second.
   /// Throws Error (invalid_input: other genus, landmarks that cannot be met; cancelled).
   static BoundaryMap pair(const Surface& domain, const Surface& target, const PairOptions& options = {},
                           const ProgressCallback& progress = {}, PairReport* report = nullptr);
@@ -111,7 +111,7 @@ class BoundaryMap {
   double target_diagonal() const;
 
   /// Images of points of the domain's surface, evaluated on all cores: some microseconds per point for a composition of
-  /// spherical embeddings. Throws Error (invalid_input) for a triangle out of range.
+  /// embeddings. Throws Error (invalid_input) for a triangle out of range.
   std::vector<Point> evaluate(Span<const SurfacePoint> points) const;
 
   /// The inverse map. Throws Error (unsupported) unless the map was made by pair(), or loaded from a file of such a one.

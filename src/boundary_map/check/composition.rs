@@ -35,7 +35,6 @@ pub struct CompositionCheck {
     /// the plain image, not of the map.
     pub plain_image_flipped: usize,
     /// Whether the embeddings are in a flat torus and not in the sphere.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub through_torus: bool,
 }
 

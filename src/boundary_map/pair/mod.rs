@@ -51,7 +51,6 @@ pub use targets::{VertexTarget, vertex_targets};
 use super::{BoundaryMap, SurfaceDistortion};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
-use crate::mesh::topology::Topology;
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SphericalEmbedding, SphericalError, check_embedding,
@@ -121,12 +120,14 @@ const TOO_FINE: PairError = PairError::Sphere {
 
 /// A bijection from the boundary of one solid to that of another.
 ///
-/// Takes some 20 s for 8000 vertices with limbs on two cores. The result is the same for any number of threads.
+/// Takes some 20 s for 8000 vertices with limbs on two cores, less for solids of genus 1. The result is the same for any number
+/// of threads.
 ///
 /// # Errors
 ///
-/// When the solids are not both of genus 0 or both of genus 1, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` cancels it
-/// ([`ProgressResponse`]), which usually takes effect within a fraction of a second.
+/// When the solids are not both of genus 0 or both of genus 1, a hole is knotted, or landmarks cannot be met;
+/// [`PairError::Cancelled`] when `progress` cancels it ([`ProgressResponse`]), which usually takes effect within a fraction of a
+/// second.
 pub fn map_pair<A: ProgressResponse>(
     domain: &SurfaceMesh,
     target: &SurfaceMesh,
@@ -198,21 +199,22 @@ fn of_no_handle(side: &'static str) -> PairError {
     PairError::Torus { side, error }
 }
 
-/// Whether both solids have genus 1. What else is wrong with them is found later.
+/// Whether both solids have genus 1, and not 0.
 ///
 /// # Errors
 ///
-/// When one has another number of handles than the other, or both have several.
-fn has_one_handle(solids: [&SurfaceMesh; 2], options: &PairOptions) -> Result<bool, PairError> {
-    let genus = |surface: &SurfaceMesh| match Topology::new(surface).components().shapes[..] {
-        [shape] => shape.genus(),
-        _ => None,
+/// When a surface is not one closed manifold, has another number of handles than the other, or several.
+fn has_one_handle([domain, target]: [&SurfaceMesh; 2], options: &PairOptions) -> Result<bool, PairError> {
+    let genus = |side, surface| match require_genus_0(surface) {
+        Ok(_) => Ok(0),
+        Err(SphericalError::Genus { genus }) => Ok(genus),
+        Err(error) => Err(PairError::Sphere { side, error }),
     };
-    match solids.map(genus) {
-        [Some(0), Some(0)] | [None, _] | [_, None] => Ok(false),
-        [Some(1), Some(1)] => torus::require_options(options).map(|()| true),
-        [Some(domain), Some(target)] if domain != target => Err(PairError::UnequalGenus { domain, target }),
-        [Some(genus), _] => Err(PairError::ManyHandles { genus }),
+    match [genus("domain", domain)?, genus("target", target)?] {
+        [0, 0] => Ok(false),
+        [1, 1] => torus::require_options(options).map(|()| true),
+        [domain, target] if domain != target => Err(PairError::UnequalGenus { domain, target }),
+        [genus, _] => Err(PairError::ManyHandles { genus }),
     }
 }
 

@@ -91,7 +91,6 @@ pub struct PairReport {
     /// The schedule that was taken; `None` with [`PairMethod::Conformal`].
     pub schedule: Option<SoftTargetSchedule>,
     /// What was found for solids of genus 1; `None` for others.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub torus: Option<TorusReport>,
     /// Distortion of the map before its distortion was minimised.
     pub before: SurfaceDistortion,

@@ -3,7 +3,7 @@
 //! 1. Both surfaces are laid out on tori, such that loops that bound a disk in the solid run along the first side.
 //! 2. Classes of maps and translations are compared on coarse meshes, the best of them after optimisation ([`search`]).
 //! 3. The best layout of the domain is refined, and at every level optimised for low distortion of the map from surface to
-//!    surface ([`energy`], [`star`]).
+//!    surface ([`energy`], [`star`]); so is that of another class if it is nearly as good, and the complete maps decide.
 //!
 //! No step inverts a triangle in the plane.
 
@@ -21,7 +21,7 @@ use super::{
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::toroidal::{PartialLayout, ToroidalEmbedding, ToroidalError, TorusSurface};
 use energy::TargetTorus;
-use search::{COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, Rating, candidates, compared_energy, optimise};
+use search::{COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, Rating, candidates, compared_energy, optimise, sort};
 
 /// Vertices of the domain when classes are compared, and when the best are compared again.
 const SEARCH_VERTICES: usize = 300;
@@ -31,6 +31,8 @@ const AS_GOOD_COARSE: f64 = 1.25;
 const MOST_COMPARED: usize = 3;
 /// Maps the other way are sought, too, when the least energy is above this.
 const HARD: f64 = 2.0;
+/// The best map of another class is completed, too, when its energy is at most this times the least.
+const AS_GOOD_COMPARED: f64 = 1.15;
 /// Rounds at the end, and the relative decrease of the energy below which one is the last.
 const LAST_ROUNDS: usize = 6;
 const LEAST_DECREASE: f64 = 3e-3;
@@ -117,9 +119,9 @@ impl PairMapping<'_> {
             domain: &target,
             target: &onto_domain,
         };
-        if ranked.first().is_none_or(|best| best.energy > HARD) {
+        if ranked.first().is_none_or(|best| best.energy() > HARD) {
             let others = self.searched(&back)?;
-            let least = |ranked: &[Candidate]| ranked.first().map_or(f64::INFINITY, |best| best.energy);
+            let least = |ranked: &[Candidate]| ranked.first().map_or(f64::INFINITY, Candidate::energy);
             if least(&others) < least(&ranked) {
                 (search, ranked) = (&back, others);
             }
@@ -127,22 +129,30 @@ impl PairMapping<'_> {
         let is_reversed = std::ptr::eq(search, &back);
         let compared = self.elapsed();
 
-        let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
+        // The best of each class.
+        let mut classes: Vec<Candidate> = Vec::new();
+        for candidate in ranked {
+            if classes.iter().all(|kept| kept.layout.map != candidate.layout.map) {
+                classes.push(candidate);
+            }
+        }
+        let coarse_embeddings = classes.len();
+        let completed = match self.options.improve {
+            true => self.completed_best_on_torus(search, &mut classes)?,
+            false => vec![],
+        };
+        let (best, others) = classes.split_first().ok_or(PairError::NoEmbedding)?;
         let before = search
             .domain
             .fine
             .mapped(&search.target.periods, best.layout.map, best.by);
-        let after = match self.options.improve {
-            true => self.completed_on_torus(search, best)?,
-            false => before.clone(),
-        };
+        let after = completed.first().unwrap_or(&before).clone();
         let improved = self.elapsed();
         let through = |layout: &PartialLayout| self.through_torus(search, is_reversed, layout);
         let (map, distortions, stretch) = self.measured_on_torus(through, &before, &after)?;
 
         let mut warnings = Vec::new();
-        let other_class = others.iter().find(|other| other.layout.map != best.layout.map);
-        let runner_up = other_class.map(|other| other.energy / best.energy);
+        let runner_up = others.first().map(|other| other.energy_ratio(best));
         if runner_up.is_some_and(|ratio| ratio <= AS_GOOD) {
             warnings.push(format!(
                 "another class of maps is nearly as good (its energy was {:.3} times this one's), as of symmetric bodies: look \
@@ -151,28 +161,25 @@ impl PairMapping<'_> {
             ));
         }
         let diagonal = search.target.diagonal();
-        let mut kept: Vec<&Candidate> = Vec::new();
-        for other in others {
-            if kept.iter().all(|kept| kept.layout.map != other.layout.map) && other.layout.map != best.layout.map {
-                kept.push(other);
-            }
-        }
         let mut alternatives = Vec::new();
-        for other in kept.iter().take(self.options.alternatives) {
-            alternatives.push(through(&self.completed_on_torus(search, other)?)?);
+        for (i, other) in others.iter().enumerate().take(self.options.alternatives) {
+            alternatives.push(match completed.get(i + 1) {
+                Some(layout) => through(layout)?,
+                None => through(&self.completed_on_torus(search, other)?)?,
+            });
         }
         let report = PairReport {
             method: PairMethod::FlatTori,
             landmarks: 0,
             landmark_error: 0.0,
-            coarse_embeddings: ranked.len(),
+            coarse_embeddings,
             starts: vec![],
             start: 0,
-            alternatives: kept
+            alternatives: others
                 .iter()
                 .map(|other| PairAlternative {
                     kind: PairStartKind::Class,
-                    energy_ratio: other.energy / best.energy,
+                    energy_ratio: other.energy_ratio(best),
                     distance: distance(other, best, search.target) / diagonal,
                 })
                 .collect(),
@@ -222,28 +229,60 @@ impl PairMapping<'_> {
         };
         let Search { domain, target } = *search;
         let mut ranked = candidates(&domain.coarse, target, domain.torus.surface().vertices(), rating);
-        let Some(most) = ranked.first().map(|best| AS_GOOD_COARSE * best.energy) else {
+        let Some(most) = ranked.first().map(|best| AS_GOOD_COARSE * best.energy()) else {
             return Ok(ranked);
         };
-        let again = ranked.iter().take(MOST_COMPARED).filter(|c| c.energy <= most).count();
+        let again = ranked.iter().take(MOST_COMPARED).filter(|c| c.energy() <= most).count();
         let points = domain.torus.surface().vertices();
         let refine = |candidate: &mut Candidate| {
             let refined = candidate.layout.refine(&domain.torus, COMPARED_VERTICES, |layout| {
                 optimise(layout, target, points, &effort(layout.inserted.len()));
             });
-            candidate.energy = match refined {
+            candidate.energies.push(match refined {
                 Some(()) => compared_energy(&candidate.layout, target, points),
                 None => f64::INFINITY,
-            };
+            });
         };
         ranked[..again].par_iter_mut().for_each(refine);
-        ranked[..again].sort_by(|a, b| a.energy.total_cmp(&b.energy));
+        sort(&mut ranked[..again]);
         self.report(PairPhase::Refining {
             vertices: ranked[0].layout.inserted.len(),
             total: points.len(),
-            energy: super::ISOMETRY_ENERGY * ranked[0].energy,
+            energy: super::ISOMETRY_ENERGY * ranked[0].energy(),
         })?;
         Ok(ranked)
+    }
+
+    /// The layouts of the best candidate and, if it is nearly as good, the next with the rest of the vertices. The better one
+    /// comes first, here and among the candidates.
+    fn completed_best_on_torus(
+        &self,
+        search: &Search,
+        classes: &mut [Candidate],
+    ) -> Result<Vec<PartialLayout>, PairError> {
+        let is_rival = |best, other: &Candidate| other.energy_ratio(best) <= AS_GOOD_COMPARED;
+        let count = match &*classes {
+            [] => return Err(PairError::NoEmbedding),
+            [best, other, ..] if self.reporter.should_improve() && is_rival(best, other) => 2,
+            _ => 1,
+        };
+        let complete = |candidate: &mut Candidate| -> Result<PartialLayout, PairError> {
+            let layout = self.completed_on_torus(search, candidate)?;
+            let points = search.domain.torus.surface().vertices();
+            candidate.energies.push(compared_energy(&layout, search.target, points));
+            Ok(layout)
+        };
+        let made = classes[..count].par_iter_mut().map(complete).collect::<Vec<_>>();
+        let mut made = made.into_iter();
+        let first = made.next().ok_or(PairError::NoEmbedding)??;
+        let Some(Ok(second)) = made.next() else {
+            return Ok(vec![first]);
+        };
+        if classes[1].energy() < classes[0].energy() {
+            classes.swap(0, 1);
+            return Ok(vec![second, first]);
+        }
+        Ok(vec![first, second])
     }
 
     /// A candidate with the rest of the vertices, and its distortion lowered.

@@ -36,8 +36,22 @@ pub(super) struct Candidate {
     pub layout: PartialLayout,
     /// The translation that it started with.
     pub by: [f64; 2],
-    /// Mean symmetric Dirichlet energy, 1 for an isometry.
-    pub energy: f64,
+    /// Mean symmetric Dirichlet energies, 1 for an isometry: with the vertices of the search, and with more of them where it
+    /// was compared again.
+    pub energies: Vec<f64>,
+}
+
+impl Candidate {
+    /// With the most vertices.
+    pub fn energy(&self) -> f64 {
+        self.energies.last().copied().unwrap_or(f64::INFINITY)
+    }
+
+    /// Its energy over the other's, when both had the same vertices.
+    pub fn energy_ratio(&self, other: &Self) -> f64 {
+        let last = self.energies.iter().zip(&other.energies).next_back();
+        last.map_or(f64::INFINITY, |(own, other)| own / other)
+    }
 }
 
 /// How much a layout is optimised.
@@ -123,8 +137,8 @@ pub(super) fn candidates(
     let starts = starts(coarse, target, points, rating);
     let optimised = |mut layout: PartialLayout, by: [f64; 2], effort: &Effort| {
         optimise(&mut layout, target, points, effort);
-        let energy = compared_energy(&layout, target, points);
-        Candidate { layout, by, energy }
+        let energies = vec![compared_energy(&layout, target, points)];
+        Candidate { layout, by, energies }
     };
     let mut first: Vec<Candidate> = starts
         .into_par_iter()
@@ -148,10 +162,10 @@ pub(super) fn candidates(
         let is_known = |c: &Candidate| {
             ranked
                 .iter()
-                .any(|r| r.layout.map == c.layout.map && r.energy <= c.energy)
+                .any(|r| r.layout.map == c.layout.map && r.energy() <= c.energy())
         };
         let twisted: Vec<Candidate> = [-1, 1].into_par_iter().map(tried).collect();
-        let is_better = twisted.iter().any(|c| c.energy < best.energy);
+        let is_better = twisted.iter().any(|c| c.energy() < best.energy());
         let new: Vec<Candidate> = twisted.into_iter().filter(|c| !is_known(c)).collect();
         ranked.extend(new);
         sort(&mut ranked);
@@ -162,8 +176,8 @@ pub(super) fn candidates(
     ranked
 }
 
-fn sort(candidates: &mut [Candidate]) {
-    candidates.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+pub(super) fn sort(candidates: &mut [Candidate]) {
+    candidates.sort_by(|a, b| a.energy().total_cmp(&b.energy()));
 }
 
 /// Classes and translations of the least ratings.
