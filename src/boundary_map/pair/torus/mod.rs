@@ -21,7 +21,9 @@ use super::{
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::toroidal::{PartialLayout, ToroidalEmbedding, ToroidalError, TorusSurface};
 use energy::TargetTorus;
-use search::{COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, Rating, candidates, compared_energy, optimise, sort};
+use search::{
+    COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, Rating, Stage, candidates, compared_energy, optimise, sort,
+};
 
 /// Vertices of the domain when classes are compared, and when the best are compared again.
 const SEARCH_VERTICES: usize = 300;
@@ -238,10 +240,11 @@ impl PairMapping<'_> {
             let refined = candidate.layout.refine(&domain.torus, COMPARED_VERTICES, |layout| {
                 optimise(layout, target, points, &effort(layout.inserted.len()));
             });
-            candidate.energies.push(match refined {
+            let energy = match refined {
                 Some(()) => compared_energy(&candidate.layout, target, points),
                 None => f64::INFINITY,
-            });
+            };
+            candidate.set_energy(Stage::Compared, energy);
         };
         ranked[..again].par_iter_mut().for_each(refine);
         sort(&mut ranked[..again]);
@@ -269,7 +272,7 @@ impl PairMapping<'_> {
         let complete = |candidate: &mut Candidate| -> Result<PartialLayout, PairError> {
             let layout = self.completed_on_torus(search, candidate)?;
             let points = search.domain.torus.surface().vertices();
-            candidate.energies.push(compared_energy(&layout, search.target, points));
+            candidate.set_energy(Stage::Complete, compared_energy(&layout, search.target, points));
             Ok(layout)
         };
         let made = classes[..count].par_iter_mut().map(complete).collect::<Vec<_>>();

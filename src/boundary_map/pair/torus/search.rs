@@ -36,21 +36,37 @@ pub(super) struct Candidate {
     pub layout: PartialLayout,
     /// The translation that it started with.
     pub by: [f64; 2],
-    /// Mean symmetric Dirichlet energies, 1 for an isometry: with the vertices of the search, and with more of them where it
-    /// was compared again.
-    pub energies: Vec<f64>,
+    /// Mean symmetric Dirichlet energy, 1 for an isometry, with the vertices of each [`Stage`] that it came to.
+    energies: [Option<f64>; 3],
+}
+
+/// When maps are compared.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Stage {
+    Search,
+    Compared,
+    Complete,
 }
 
 impl Candidate {
     /// With the most vertices.
     pub fn energy(&self) -> f64 {
-        self.energies.last().copied().unwrap_or(f64::INFINITY)
+        self.energies
+            .iter()
+            .rev()
+            .find_map(|energy| *energy)
+            .unwrap_or(f64::INFINITY)
     }
 
-    /// Its energy over the other's, when both had the same vertices.
+    pub fn set_energy(&mut self, stage: Stage, energy: f64) {
+        self.energies[stage as usize] = Some(energy);
+    }
+
+    /// Its energy over the other's, at the last stage that both came to.
     pub fn energy_ratio(&self, other: &Self) -> f64 {
-        let last = self.energies.iter().zip(&other.energies).next_back();
-        last.map_or(f64::INFINITY, |(own, other)| own / other)
+        let pairs = self.energies.iter().zip(&other.energies);
+        let mut ratios = pairs.rev().filter_map(|(own, other)| Some((*own)? / (*other)?));
+        ratios.next().unwrap_or(f64::INFINITY)
     }
 }
 
@@ -137,7 +153,7 @@ pub(super) fn candidates(
     let starts = starts(coarse, target, points, rating);
     let optimised = |mut layout: PartialLayout, by: [f64; 2], effort: &Effort| {
         optimise(&mut layout, target, points, effort);
-        let energies = vec![compared_energy(&layout, target, points)];
+        let energies = [Some(compared_energy(&layout, target, points)), None, None];
         Candidate { layout, by, energies }
     };
     let mut first: Vec<Candidate> = starts
