@@ -157,8 +157,8 @@ impl PairMapping<'_> {
         let runner_up = others.first().map(|other| other.energy_ratio(best));
         if runner_up.is_some_and(|ratio| ratio <= AS_GOOD) {
             warnings.push(format!(
-                "another class of maps is nearly as good (its energy was {:.3} times this one's), as of symmetric bodies: look \
-                 at the alternatives if this map is not the one that you want",
+                "another class of maps is nearly as good (its energy was {:.3} times this one's), as of symmetric bodies and \
+                 of thin handles that may be twisted: look at the alternatives if this map is not the one that you want",
                 runner_up.unwrap_or_default()
             ));
         }
