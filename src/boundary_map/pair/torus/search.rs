@@ -153,8 +153,14 @@ pub(super) fn candidates(
     let starts = starts(coarse, target, points, rating);
     let optimised = |mut layout: PartialLayout, by: [f64; 2], effort: &Effort| {
         optimise(&mut layout, target, points, effort);
-        let energies = [Some(compared_energy(&layout, target, points)), None, None];
-        Candidate { layout, by, energies }
+        let energy = compared_energy(&layout, target, points);
+        let mut candidate = Candidate {
+            layout,
+            by,
+            energies: [None; 3],
+        };
+        candidate.set_energy(Stage::Search, energy);
+        candidate
     };
     let mut first: Vec<Candidate> = starts
         .into_par_iter()
