@@ -33,6 +33,7 @@ use crate::sequence::{CycleError, SequenceError};
 use crate::solver::SolveError;
 use crate::spherical::SphericalError;
 use crate::texture::TextureError;
+use crate::toroidal::ToroidalError;
 use crate::transfer::TransferError;
 
 /// What an error is about; its message is for people.
@@ -209,6 +210,14 @@ classified! {
         // Each is a failure of CGAL, of TetGen or of their process.
         _ => ErrorKind::Native,
     }
+    ToroidalError {
+        Self::Surface(error) => error.error_kind(),
+        Self::OutOfMemory { .. } => ErrorKind::Memory,
+        Self::TooFine | Self::NotBijective(_) => ErrorKind::Numerical,
+        Self::Genus { .. } | Self::Crossing | Self::KnottedHole | Self::Count { .. } | Self::Translations { .. } => {
+            ErrorKind::InvalidInput
+        }
+    }
     SphericalError {
         Self::OutOfMemory { .. } => ErrorKind::Memory,
         Self::TooFine | Self::NotBijective(_) => ErrorKind::Numerical,
@@ -225,6 +234,7 @@ classified! {
     }
     PairError {
         Self::Sphere { error, .. } => error.error_kind(),
+        Self::Torus { error, .. } => error.error_kind(),
         Self::NoEmbedding => ErrorKind::Numerical,
         Self::Cancelled => ErrorKind::Cancelled,
         Self::Align(_)
@@ -232,6 +242,9 @@ classified! {
         | Self::Curves(_)
         | Self::Weight(_)
         | Self::Up
+        | Self::UnequalGenus { .. }
+        | Self::ManyHandles { .. }
+        | Self::NotWithHandles { .. }
         | Self::LandmarksMissed { .. }
         | Self::Boundary(_) => ErrorKind::InvalidInput,
     }

@@ -182,6 +182,7 @@ impl PairMapping<'_> {
                 .map(|other| PairAlternative {
                     kind: PairStartKind::Class,
                     energy_ratio: other.energy_ratio(best),
+                    isometry_defect: None,
                     distance: distance(other, best, search.target) / diagonal,
                 })
                 .collect(),
@@ -198,6 +199,7 @@ impl PairMapping<'_> {
                 runner_up,
             }),
             before: distortions[0],
+            isometry_defect: None,
             after: distortions[1],
             stretch,
             timings: PairTimings {
