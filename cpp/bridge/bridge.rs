@@ -100,6 +100,7 @@ pub(super) mod ffi {
         area_p99: f64,
         stretched: f64,
         looks_wrong: bool,
+        isometry_defect: f64,
         landmark_error: f64,
         seconds: f64,
         warnings: Vec<String>,

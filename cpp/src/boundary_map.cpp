@@ -38,6 +38,7 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
     report->area_p99 = found.area_p99;
     report->stretched = found.stretched;
     report->looks_wrong = found.looks_wrong;
+    report->isometry_defect = found.isometry_defect;
     report->landmark_error = found.landmark_error;
     report->seconds = found.seconds;
     report->warnings = copied(found.warnings);

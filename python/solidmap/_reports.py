@@ -308,6 +308,8 @@ class PairReport(Report):
     torus: Optional[Dict[str, Any]]
     before: Dict[str, Any]
     after: Dict[str, Any]
+    isometry_defect: Optional[float]
+    nearer_isometry: Optional[Dict[str, Any]]
     stretch: Dict[str, Any]
     seconds: Dict[str, float]
     concluded: bool
@@ -332,6 +334,8 @@ class PairReport(Report):
                 f"(up to {percent(stretch['limit'])} is expected)",
             )
         )
+        if self.isometry_defect is not None:
+            rows.append(("isometry", f"defect {significant(self.isometry_defect, 2)} of the functional map (0 for an isometry)"))
         rows.append(("time", f"{self.seconds['total']:.1f} s"))
         rows.extend(("warning", warning) for warning in self.warnings)
         return rows

@@ -373,7 +373,7 @@ pub fn boundary_pair(
         Ok((
             Boundary::of(made.map, inputs.clone()),
             to_json(&made.report)?,
-            made.report.stretch.looks_wrong(),
+            made.report.looks_wrong(),
             others.map(|map| Boundary::of(map, inputs.clone())).collect(),
         ))
     })

@@ -140,7 +140,7 @@ fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> a
          an isometry is 4). See `solidmap boundary pair`",
         report.timings.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
     ));
-    Ok((map, !report.stretch.looks_wrong()))
+    Ok((map, !report.looks_wrong()))
 }
 
 /// Fits a map and writes it.

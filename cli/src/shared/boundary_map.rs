@@ -119,6 +119,16 @@ pub fn to_model(
     if made.report.stretch.looks_wrong() {
         output.warn(looks_wrong(&made.report.stretch));
     }
+    if let Some(nearer) = &made.report.nearer_isometry {
+        output.warn(format_args!(
+            "the boundary map looks wrong: a correspondence by intrinsic shape is nearer to an isometry (defect {}, the map {}) \
+             and {} % of the diagonal away in the mean. Limbs may be on wrong limbs: look at it with --png, see whether an \
+             alternative is right, or give landmarks",
+            significant(nearer.isometry_defect, 2),
+            made.report.isometry_defect.map_or_else(String::new, |defect| significant(defect, 2)),
+            significant(100.0 * nearer.distance, 2)
+        ));
+    }
     Ok(made)
 }
 

@@ -5,7 +5,9 @@
 //! `docs/boundary_maps.md`.
 
 use super::inter_surface::InverseEmbedding;
-use crate::intrinsic::{IntrinsicShape, MappedVertex, isometry_defect};
+use super::{DISTINCT, NearerIsometry};
+use crate::Point;
+use crate::intrinsic::{Correspondence, IntrinsicShape, MappedVertex, isometry_defect};
 use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::PartialEmbedding;
 
@@ -17,6 +19,12 @@ pub(super) struct IntrinsicShapes {
 
 /// A defect that counts as much as the energy of an isometry: the largest one of maps between poses of a body.
 const DEFECT_SCALE: f64 = 0.05;
+/// Smaller defects are as good as this one: all limbs are in their places, and the energy sees what is left.
+const SMALL_DEFECT: f64 = 0.03;
+
+/// A correspondence is clearly nearer to an isometry than a map when its defect is less than this times that of the map. The
+/// functional map of a correspondence was refined to have little, so that it has less for the same limbs, too.
+const CLEARLY_NEARER: f64 = 0.7;
 
 /// How good the map of an embedding is.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +38,34 @@ pub(super) struct Quality {
 impl Quality {
     /// What maps are compared by, the less the better: the energy, more for those that are far from an isometry.
     pub fn rating(&self) -> f64 {
-        self.energy * (1.0 + self.isometry_defect.unwrap_or(0.0) / DEFECT_SCALE)
+        self.energy * (1.0 + self.isometry_defect.unwrap_or(0.0).max(SMALL_DEFECT) / DEFECT_SCALE)
+    }
+}
+
+impl NearerIsometry {
+    /// The correspondence, where it is clearly nearer to an isometry than a map with this defect and these images of vertices, and
+    /// takes vertices elsewhere.
+    pub(super) fn than(
+        isometry_defect: f64,
+        images: impl Iterator<Item = Point>,
+        closest: &Correspondence,
+        target: &SurfaceMesh,
+    ) -> Option<Self> {
+        if closest.defect >= CLEARLY_NEARER * isometry_defect {
+            return None;
+        }
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (found, image) in closest.targets.iter().zip(images) {
+            if let &Some((w, weight)) = found {
+                sum += weight * (image - target.vertices()[w as usize]).norm();
+                weights += weight;
+            }
+        }
+        let distance = sum / (weights * target.diagonal());
+        (distance > DISTINCT).then_some(Self {
+            isometry_defect: closest.defect,
+            distance,
+        })
     }
 }
 
@@ -56,5 +91,44 @@ impl IntrinsicShapes {
             }
         };
         isometry_defect(&self.domain, &self.target, embedding.inserted.iter().map(mapped))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn a_correspondence_that_is_nearer_and_elsewhere_is_told() {
+        let target = shapes::sphere(1.0, 3);
+        let count = target.vertices().len();
+        let to = |vertices: Vec<usize>, defect| Correspondence {
+            extremities: vec![],
+            targets: vertices.into_iter().map(|w| Some((w as u32, 0.5))).collect(),
+            defect,
+            coverage: 1.0,
+        };
+        let own: Vec<usize> = (0..count).collect();
+        let opposite = |p: &Point| {
+            let distance = |w: &usize| (target.vertices()[*w] + p.coords).coords.norm();
+            (0..count).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+        };
+        let opposite: Vec<usize> = target.vertices().iter().map(opposite).collect();
+        let than =
+            |closest: &Correspondence| NearerIsometry::than(0.1, target.vertices().iter().copied(), closest, &target);
+        let found = than(&to(opposite.clone(), 0.05)).unwrap();
+        // Opposite points are 2 apart, and the diagonal is at most 2√3.
+        assert!(
+            found.isometry_defect == 0.05 && (0.57..0.65).contains(&found.distance),
+            "{found:?}"
+        );
+        assert_eq!(than(&to(own.clone(), 0.05)), None);
+        assert_eq!(than(&to(opposite, 0.08)), None);
+        let nowhere = Correspondence {
+            targets: vec![None; count],
+            ..to(own, 0.0)
+        };
+        assert_eq!(than(&nowhere), None);
     }
 }

@@ -42,7 +42,8 @@ pub use landmarks::{LandmarkError, Landmarks};
 pub use options::{PairMethod, PairOptions};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
 pub use report::{
-    PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings, TorusReport,
+    NearerIsometry, PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings,
+    TorusReport,
 };
 pub use rotation::{RotationMatch, search_rotations};
 pub use stretch::Stretch;
@@ -61,7 +62,7 @@ use crate::{Matrix3, Vector};
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pin, Pins, SoftTargets};
 use inter_surface::{InverseEmbedding, Spring};
 use isometry::Quality;
-use search::{RankedEmbedding, SearchStep, best_of_starts};
+use search::{RankedEmbedding, Schedules, SearchStep, best_of_starts};
 use starts::{Start, Starts};
 
 /// Schedules to compare: which one ends best differs from pair to pair.
@@ -70,6 +71,15 @@ const SCHEDULES: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(1.0, 200),
     SoftTargetSchedule::new(10.0, 200),
     SoftTargetSchedule::new(100.0, 60),
+];
+/// More schedules for the starts that led to the best embeddings: which of them leaves no limb turned or bent differs, too.
+const MORE_SCHEDULES: [SoftTargetSchedule; 6] = [
+    SoftTargetSchedule::new(10.0, 100),
+    SoftTargetSchedule::new(100.0, 200),
+    SoftTargetSchedule::new(10.0, 400),
+    SoftTargetSchedule::new(30.0, 400),
+    SoftTargetSchedule::new(100.0, 400),
+    SoftTargetSchedule::new(1000.0, 400),
 ];
 /// Schedules with a few landmarks: met from the beginning, with pulls that last, or when the coarse embedding is nearly done.
 const SCHEDULES_WITH_LANDMARKS: [SoftTargetSchedule; 5] = [
@@ -93,9 +103,9 @@ const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
 /// one ended with wrong limbs and one much more distorted.
 const STEPS: [SearchStep; 4] = [
     SearchStep::new(200, 6, 18, 1.5),
-    SearchStep::new(400, 2, 4, 1.35),
+    SearchStep::new(400, 3, 5, 1.35),
     SearchStep::new(LATE_LANDMARKS, 2, 2, 1.15),
-    SearchStep::new(4000, 1, 2, AS_GOOD_COARSE),
+    SearchStep::new(4000, 2, 2, AS_GOOD_COARSE),
 ];
 /// The same for solids in the same place.
 const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
@@ -120,7 +130,7 @@ const TOO_FINE: PairError = PairError::Sphere {
 
 /// A bijection from the boundary of one solid to that of another.
 ///
-/// Takes some 20 s for 8000 vertices with limbs on two cores, less for solids of genus 1. The result is the same for any number
+/// Takes some 7 s for 8000 vertices with limbs on two cores, less for solids of genus 1. The result is the same for any number
 /// of threads.
 ///
 /// # Errors
@@ -285,6 +295,7 @@ impl PairMapping<'_> {
             all: starts,
             mut warnings,
             shapes,
+            closest,
         } = self.starts(&target)?;
         let align = self.elapsed();
 
@@ -297,17 +308,20 @@ impl PairMapping<'_> {
         self.report(PairPhase::CoarseEmbeddings {
             vertices: steps[0].vertices,
             done: 0,
-            of: soft_targets.len() * schedules.len(),
+            of: soft_targets.len() * schedules.of_all.len(),
         })?;
         let given = self.given_embedding(&embedder, &starts);
         let is_given = given.is_some();
-        let mut ranked = match given {
-            Some(candidate) => vec![RankedEmbedding {
-                candidate,
-                start: 0,
-                schedule: schedules[0],
-                qualities: vec![],
-            }],
+        let (mut ranked, coarse_embeddings) = match given {
+            Some(candidate) => {
+                let given = RankedEmbedding {
+                    candidate,
+                    start: 0,
+                    schedule: schedules.of_all[0],
+                    qualities: vec![],
+                };
+                (vec![given], 1)
+            }
             None => best_of_starts(&embedder, &soft_targets, &schedules, &steps),
         };
         let compared = self.elapsed();
@@ -347,12 +361,14 @@ impl PairMapping<'_> {
         }
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
         let of_map = embedder.isometry_defect(&after.embedding);
+        let images = after.embedding.directions.iter().map(|x| inverse.position(x));
+        let nearer = closest.and_then(|closest| NearerIsometry::than(of_map?, images, &closest, self.target));
         let (map, [before, after], stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {
             method: PairMethod::SoftTargets,
             landmarks: self.landmarks.pairs().len(),
             landmark_error: self.landmark_error(&map),
-            coarse_embeddings: soft_targets.len() * schedules.len(),
+            coarse_embeddings,
             starts: summaries(&starts, &ranked),
             start: best.start,
             alternatives: alternatives
@@ -370,6 +386,7 @@ impl PairMapping<'_> {
             before,
             after,
             isometry_defect: of_map,
+            nearer_isometry: nearer,
             stretch,
             timings: PairTimings {
                 sphere,
@@ -412,15 +429,22 @@ impl PairMapping<'_> {
     }
 
     /// The schedules to compare, and where they are compared.
-    fn schedules(&self, embedder: &DomainEmbedder) -> (Vec<SoftTargetSchedule>, Vec<SearchStep>) {
+    fn schedules(&self, embedder: &DomainEmbedder) -> (Schedules, Vec<SearchStep>) {
         let landmarks = embedder.pins.len();
         if landmarks > 0 {
             let schedules = SCHEDULES_WITH_LANDMARKS.map(|schedule| schedule.for_landmarks(landmarks));
-            (schedules.into(), STEPS.map(|step| step.for_landmarks(landmarks)).into())
+            (
+                Schedules::of_all(&schedules),
+                STEPS.map(|step| step.for_landmarks(landmarks)).into(),
+            )
         } else if self.options.aligned {
-            (SCHEDULES_IN_PLACE.into(), STEPS_IN_PLACE.into())
+            (Schedules::of_all(&SCHEDULES_IN_PLACE), STEPS_IN_PLACE.into())
         } else {
-            (SCHEDULES.into(), STEPS.into())
+            let schedules = Schedules {
+                of_all: SCHEDULES.into(),
+                of_best: MORE_SCHEDULES.into(),
+            };
+            (schedules, STEPS.into())
         }
     }
 
@@ -445,7 +469,7 @@ impl PairMapping<'_> {
             }
             return Ok(first);
         }
-        let Some(k) = rival(ranked, embedder.inverse) else {
+        let Some(k) = rival(ranked) else {
             return Ok(first);
         };
         let second = completed(&ranked[k])?;
@@ -567,6 +591,7 @@ impl PairMapping<'_> {
             before,
             after,
             isometry_defect: None,
+            nearer_isometry: None,
             stretch,
             timings: PairTimings {
                 sphere,
@@ -786,12 +811,10 @@ fn bijective_targets(domain: &SurfaceMesh, soft_targets: &SoftTargets) -> Option
 }
 
 /// A map other than the first one that is nearly as good, and that was refined as far.
-fn rival(ranked: &[RankedEmbedding], inverse: &InverseEmbedding) -> Option<usize> {
+fn rival(ranked: &[RankedEmbedding]) -> Option<usize> {
     let (best, others) = ranked.split_first()?;
     let is_rival = |other: &RankedEmbedding| {
-        other.qualities.len() == best.qualities.len()
-            && other.rating() <= AS_GOOD_COARSE * best.rating()
-            && other.distance(best, inverse) > search::ALIKE * inverse.diagonal()
+        other.qualities.len() == best.qualities.len() && other.rating() <= AS_GOOD_COARSE * best.rating()
     };
     others.iter().position(is_rival).map(|k| k + 1)
 }

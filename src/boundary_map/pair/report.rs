@@ -101,6 +101,9 @@ pub struct PairReport {
     /// [other maps](PairAlternative::isometry_defect) of the pair. `None` where the solids lie in the same place, a map was given, or
     /// a surface is too coarse for eigenfunctions, and with [`PairMethod::Conformal`].
     pub isometry_defect: Option<f64>,
+    /// A correspondence by intrinsic shape that is clearly nearer to an isometry than the map and takes the surface elsewhere:
+    /// then limbs are probably on wrong limbs.
+    pub nearer_isometry: Option<NearerIsometry>,
     /// How much of the domain is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
     /// Wall time by phase.
@@ -129,6 +132,22 @@ pub struct TorusReport {
     pub twist: i32,
     /// Energy of the best map of another class, over that of the one taken, when they were last compared.
     pub runner_up: Option<f64>,
+}
+
+impl PairReport {
+    /// Whether the map is one to one but probably not the one that is wanted: a limb is in the wrong place.
+    pub fn looks_wrong(&self) -> bool {
+        self.stretch.looks_wrong() || self.nearer_isometry.is_some()
+    }
+}
+
+/// A correspondence by intrinsic shape beside a map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NearerIsometry {
+    /// How far it is from an isometry, as [`PairReport::isometry_defect`].
+    pub isometry_defect: f64,
+    /// Mean distance of its images of vertices from those of the map, as a fraction of the target's diagonal.
+    pub distance: f64,
 }
 
 /// What soft targets come from.

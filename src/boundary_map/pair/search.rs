@@ -47,6 +47,27 @@ impl SearchStep {
     }
 }
 
+/// Schedules to compare: which one ends best differs from pair to pair.
+pub(crate) struct Schedules {
+    /// For every start.
+    pub of_all: Vec<SoftTargetSchedule>,
+    /// More for the starts that led to the best embeddings.
+    pub of_best: Vec<SoftTargetSchedule>,
+}
+
+impl Schedules {
+    /// The same for every start, and no more.
+    pub fn of_all(schedules: &[SoftTargetSchedule]) -> Self {
+        Self {
+            of_all: schedules.to_vec(),
+            of_best: vec![],
+        }
+    }
+}
+
+/// Starts that more schedules are tried with.
+const BEST_STARTS: usize = 3;
+
 /// An embedding with what it came from.
 #[derive(Clone)]
 pub(crate) struct RankedEmbedding {
@@ -95,34 +116,50 @@ impl RankedEmbedding {
 }
 
 /// The best embedding that each start led to, the best first: that has at least as many vertices as the last step, the others
-/// as many as it took to see that they are worse, or the same map.
+/// as many as it took to see that they are worse, or the same map. With the number of embeddings that were compared.
 pub(crate) fn best_of_starts(
     embedder: &DomainEmbedder,
     starts: &[&SoftTargets],
-    schedules: &[SoftTargetSchedule],
+    schedules: &Schedules,
     steps: &[SearchStep],
-) -> Vec<RankedEmbedding> {
-    let all = (0..starts.len()).flat_map(|start| schedules.iter().map(move |schedule| (start, *schedule)));
-    let mut ranked: Vec<RankedEmbedding> = all
-        .map(|(start, schedule)| RankedEmbedding {
+) -> (Vec<RankedEmbedding>, usize) {
+    let begun = |start: usize, schedules: &[SoftTargetSchedule]| -> Vec<RankedEmbedding> {
+        let of_schedule = |&schedule: &SoftTargetSchedule| RankedEmbedding {
             candidate: embedder.tetrahedron(starts[start]),
             start,
             schedule,
             qualities: vec![],
-        })
+        };
+        schedules.iter().map(of_schedule).collect()
+    };
+    let mut ranked: Vec<RankedEmbedding> = (0..starts.len())
+        .flat_map(|start| begun(start, &schedules.of_all))
         .collect();
+    let mut compared = ranked.len();
     let diagonal = embedder.inverse.diagonal();
     let mut given_up: Vec<RankedEmbedding> = Vec::new();
-    for step in steps {
+    for (number, step) in steps.iter().enumerate() {
         ranked = refined(embedder, starts, ranked, step.vertices);
         // Before landmarks are met, their springs are part of the energy.
         let counts_missed = ranked.iter().all(|r| step.vertices >= r.schedule.landmarks_from);
         let rating = |r: &RankedEmbedding| (r.candidate.missed().len() * usize::from(counts_missed), r.rating());
-        ranked.sort_by(|a, b| {
-            let (a, b) = (rating(a), rating(b));
-            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-        });
+        let sort = |ranked: &mut Vec<RankedEmbedding>| {
+            ranked.sort_by(|a, b| {
+                let (a, b) = (rating(a), rating(b));
+                a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+            });
+        };
+        sort(&mut ranked);
         given_up.extend(take_copies(&mut ranked, embedder.inverse));
+        if number == 0 && !schedules.of_best.is_empty() && !embedder.reporter.should_conclude() {
+            let of_best: Vec<RankedEmbedding> = best_starts(&ranked)
+                .flat_map(|start| begun(start, &schedules.of_best))
+                .collect();
+            compared += of_best.len();
+            ranked.extend(refined(embedder, starts, of_best, step.vertices));
+            sort(&mut ranked);
+            given_up.extend(take_copies(&mut ranked, embedder.inverse));
+        }
         let Some(best) = ranked.first().map(rating) else { break };
         let mut kept: Vec<RankedEmbedding> = Vec::new();
         // Meeting landmarks early costs energy, but late they may be out of reach, and those that are met stay met.
@@ -157,7 +194,18 @@ pub(crate) fn best_of_starts(
     ranked.extend(given_up.into_iter().rev());
     let mut is_first = vec![true; starts.len()];
     ranked.retain(|embedding| std::mem::replace(&mut is_first[embedding.start], false));
-    ranked
+    (ranked, compared)
+}
+
+/// The starts of the best embeddings, in their order.
+fn best_starts(ranked: &[RankedEmbedding]) -> impl Iterator<Item = usize> {
+    let mut starts: Vec<usize> = Vec::new();
+    for embedding in ranked {
+        if starts.len() < BEST_STARTS && !starts.contains(&embedding.start) {
+            starts.push(embedding.start);
+        }
+    }
+    starts.into_iter()
 }
 
 /// Takes out embeddings that another start or schedule led to already: they would take the place of others.

@@ -35,6 +35,8 @@ pub(super) struct Starts {
     pub warnings: Vec<String>,
     /// None where solids lie in the same place or a map is given, or where a surface has none.
     pub shapes: Option<IntrinsicShapes>,
+    /// The correspondence by intrinsic shape that is closest to an isometry.
+    pub closest: Option<Correspondence>,
 }
 
 impl PairMapping<'_> {
@@ -45,6 +47,7 @@ impl PairMapping<'_> {
                 all: vec![Start { kind, soft_targets }],
                 warnings: vec![],
                 shapes: None,
+                closest: None,
             });
         }
         let (mut all, warnings) = self.starts_by_alignment(target)?;
@@ -52,10 +55,16 @@ impl PairMapping<'_> {
             true => None,
             false => self.intrinsic_shapes(),
         };
-        if let Some(shapes) = &shapes {
-            all.extend(self.intrinsic_starts(shapes, target));
-        }
-        Ok(Starts { all, warnings, shapes })
+        let found = shapes
+            .as_ref()
+            .map_or(vec![], |shapes| self.correspondences(shapes, target));
+        all.extend(found.iter().flat_map(|found| starts_of_correspondence(found, target)));
+        Ok(Starts {
+            all,
+            warnings,
+            shapes,
+            closest: found.into_iter().next(),
+        })
     }
 
     /// Soft targets by the closest points once the solids are aligned.
@@ -127,8 +136,8 @@ impl PairMapping<'_> {
         let _ = self.reporter.send(PairPhase::Intrinsic { done, of: 2 });
     }
 
-    /// Soft targets by intrinsic correspondences; none where the surfaces have none.
-    fn intrinsic_starts(&self, shapes: &IntrinsicShapes, target: &SphericalEmbedding) -> Vec<Start> {
+    /// Correspondences by intrinsic shape, the closest to an isometry first.
+    fn correspondences(&self, shapes: &IntrinsicShapes, target: &SphericalEmbedding) -> Vec<Correspondence> {
         let proceed = || self.reporter.should_improve();
         self.intrinsic_step(1);
         let (from, to, pairs) = (&shapes.domain, &shapes.target, self.landmarks.pairs());
@@ -136,25 +145,7 @@ impl PairMapping<'_> {
         if let Some(up) = &self.options.up {
             found.retain(|correspondence| self.is_upright(correspondence, up));
         }
-        let direction = |w: u32| target.directions()[w as usize];
-        let starts = found.iter().flat_map(|correspondence| {
-            let soft_target = |&(w, weight): &(u32, f64)| (direction(w), weight);
-            let soft_targets = correspondence
-                .targets
-                .iter()
-                .map(|found| found.as_ref().map(soft_target));
-            let intrinsic = Start {
-                kind: PairStartKind::Intrinsic,
-                soft_targets: soft_targets.collect(),
-            };
-            let mut soft_targets = intrinsic.soft_targets.clone();
-            for &[v, w] in &correspondence.extremities {
-                soft_targets[v as usize] = Some((direction(w), EXTREMITY_WEIGHT));
-            }
-            let kind = PairStartKind::Extremities;
-            [intrinsic, Start { kind, soft_targets }]
-        });
-        starts.collect()
+        found
     }
 
     /// Whether the best rotation between corresponding points takes one direction roughly to the other.
@@ -183,4 +174,24 @@ impl PairMapping<'_> {
         };
         Some(given.image().iter().map(soft_target).collect())
     }
+}
+
+/// Soft targets by a correspondence, and the same with strong pulls at extremities.
+fn starts_of_correspondence(correspondence: &Correspondence, target: &SphericalEmbedding) -> [Start; 2] {
+    let direction = |w: u32| target.directions()[w as usize];
+    let soft_target = |&(w, weight): &(u32, f64)| (direction(w), weight);
+    let soft_targets = correspondence
+        .targets
+        .iter()
+        .map(|found| found.as_ref().map(soft_target));
+    let intrinsic = Start {
+        kind: PairStartKind::Intrinsic,
+        soft_targets: soft_targets.collect(),
+    };
+    let mut soft_targets = intrinsic.soft_targets.clone();
+    for &[v, w] in &correspondence.extremities {
+        soft_targets[v as usize] = Some((direction(w), EXTREMITY_WEIGHT));
+    }
+    let kind = PairStartKind::Extremities;
+    [intrinsic, Start { kind, soft_targets }]
 }

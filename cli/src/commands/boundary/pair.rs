@@ -85,7 +85,7 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
         output.warn(interrupt::concluded("boundary map"));
         return Ok(CommandOutcome::CheckFailed);
     }
-    Ok(CommandOutcome::from_check(!report.pair.stretch.looks_wrong()))
+    Ok(CommandOutcome::from_check(!report.pair.looks_wrong()))
 }
 
 /// Writes images and boundary files of other maps beside those of the map itself; returns the names of the images.
@@ -201,6 +201,15 @@ fn summary(report: &PairSummary) -> String {
             significant(100.0 * pair.stretch.limit, 2)
         ),
     ]);
+    if let Some(defect) = pair.isometry_defect {
+        rows.push([
+            "isometry".into(),
+            format!(
+                "defect {} of the functional map (0 for an isometry)",
+                significant(defect, 2)
+            ),
+        ]);
+    }
     for (i, other) in pair.alternatives.iter().enumerate() {
         let written = report
             .written_alternatives
@@ -209,9 +218,12 @@ fn summary(report: &PairSummary) -> String {
         rows.push([
             if i == 0 { "other maps".into() } else { String::new() },
             format!(
-                "by {}, energy {:.2} times this one's, {} % of the diagonal away in the mean{written}",
+                "by {}, energy {:.2} times this one's{}, {} % of the diagonal away in the mean{written}",
                 start_words(other.kind),
                 other.energy_ratio,
+                other
+                    .isometry_defect
+                    .map_or_else(String::new, |defect| format!(", defect {}", significant(defect, 2))),
                 significant(100.0 * other.distance, 2)
             ),
         ]);

@@ -200,6 +200,7 @@ impl PairMapping<'_> {
             }),
             before: distortions[0],
             isometry_defect: None,
+            nearer_isometry: None,
             after: distortions[1],
             stretch,
             timings: PairTimings {
