@@ -31,11 +31,10 @@ pub(crate) fn isometry_defect(
 ) -> Option<f64> {
     let modes = MODES.min(domain.modes()).min(target.modes());
     let (mut gram, mut products) = (DMatrix::zeros(modes, modes), DMatrix::zeros(modes, modes));
-    let (mut from, mut to) = (vec![0.0; modes], vec![0.0; modes]);
+    let [mut from, mut to, mut at_corner] = std::array::from_fn(|_| vec![0.0; modes]);
     for MappedVertex { vertex, area, image } in vertices {
         domain.eigenfunctions_at(vertex, 1.0, &mut from);
         to.fill(0.0);
-        let mut at_corner = vec![0.0; modes];
         for (corner, weight) in image {
             target.eigenfunctions_at(corner, weight, &mut at_corner);
             to.iter_mut().zip(&at_corner).for_each(|(sum, x)| *sum += x);

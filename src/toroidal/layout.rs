@@ -57,11 +57,11 @@ pub(crate) struct TorusSurface {
     surface: SurfaceMesh,
     translations: Vec<[Shift; 3]>,
     hierarchy: Hierarchy,
-    /// Of the rings of the hierarchy.
+    /// For each entry of the hierarchy's rings, one after the other, the translation of that neighbour.
     ring_shifts: Vec<Shift>,
     base: LiftedRings,
     base_vertices: Vec<u32>,
-    /// Of the vertices of the coarsest mesh, by springs, in units of the periods.
+    /// Positions of `base_vertices` where springs along the edges are in balance, in units of the periods.
     base_positions: Vec<[f64; 2]>,
     periods: Periods,
 }

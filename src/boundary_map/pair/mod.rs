@@ -20,6 +20,7 @@ mod inter_surface;
 mod isometry;
 mod landmark_warp;
 mod landmarks;
+mod line_search;
 mod options;
 mod oriented_query;
 mod report;
@@ -362,6 +363,8 @@ impl PairMapping<'_> {
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
         let of_map = embedder.isometry_defect(&after.embedding);
         let images = after.embedding.directions.iter().map(|x| inverse.position(x));
+        // Correspondences know nothing of springs.
+        let closest = closest.filter(|_| embedder.springs.is_empty());
         let nearer = closest.and_then(|closest| NearerIsometry::than(of_map?, images, &closest, self.target));
         let (map, [before, after], stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {

@@ -7,11 +7,9 @@ use smallvec::SmallVec;
 
 use super::bent::{BentImage, middle, moved_middle, pieces_energy, straight_energy};
 use super::inter_surface::{BARRIER, DomainTriangle, InverseEmbedding, Spring, VertexImage, jacobian_invariants};
+use super::line_search::lower_along;
 use crate::spherical::{Curvature, det, positive_det};
 use crate::{Matrix3, Point, Vector};
-
-/// Share of the fall that the slope predicts from which a longer step is tried.
-const NEARLY_LINEAR: f64 = 0.6;
 
 /// A triangle of a vertex, as kept from sweep to sweep.
 pub(super) struct StarTriangle {
@@ -150,35 +148,12 @@ impl VertexStar {
         let before = self.value(inverse, x, image, spring)?;
         let (gradient, hessian) = self.derivatives(inverse, x, image, spring);
         let step = Curvature::Spherical.newton_step(x, &gradient, &hessian)?;
-        let step_to = |share: f64| {
+        let slope = gradient.dot(&step).abs();
+        lower_along(before, slope, |share| {
             let to = (x + share * step).normalize();
             let there = inverse.image(&to, image.triangle);
-            let value = self.value(inverse, &to, &there, spring)?;
-            (value < before).then_some((value, (to, there)))
-        };
-        let mut share = 1.0;
-        let mut best = None;
-        for _ in 0..8 {
-            best = step_to(share);
-            if best.is_some() {
-                break;
-            }
-            share *= 0.4;
-        }
-        // Newton's steps out of a narrow triangle are far too short: lengthen them while the energy falls, where it fell
-        // nearly as its slope says. By the quadratic model it falls by half of that.
-        let slope = gradient.dot(&step).abs();
-        while let Some((value, _)) = best {
-            if before - value < NEARLY_LINEAR * share * slope {
-                break;
-            }
-            share *= 2.5;
-            match step_to(share) {
-                Some(farther) if farther.0 < value && share < 1e3 => best = Some(farther),
-                _ => break,
-            }
-        }
-        best.map(|(_, place)| place)
+            Some((self.value(inverse, &to, &there, spring)?, (to, there)))
+        })
     }
 
     /// First and second derivatives of the energy by the direction of the vertex.

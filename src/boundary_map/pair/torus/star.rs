@@ -4,14 +4,13 @@ use rayon::prelude::*;
 
 use super::element::{Chain, Derivatives, add_image_derivatives, barrier, barrier_derivatives, image_energy};
 use super::energy::{Cut, Image, TargetTorus, secant};
+use crate::boundary_map::pair::line_search::lower_along;
 use crate::spherical::{Curvature, RestShape};
 use crate::toroidal::PartialLayout;
 use crate::{Matrix3, Point, Vector};
 
 /// Vertices per task.
 const LEAST_SWEPT: usize = 16;
-/// Share of the fall that the slope predicts from which a longer step is tried.
-const NEARLY_LINEAR: f64 = 0.6;
 
 /// What sweeps need to know of a layout: to be made again when vertices are inserted.
 pub(super) struct Sweeper<'a> {
@@ -256,33 +255,10 @@ impl<'a> Star<'a> {
         let mut in_space = Matrix3::zeros();
         in_space.fixed_view_mut::<2, 2>(0, 0).copy_from(&hessian);
         let step = Curvature::Flat.newton_step(x, &gradient, &in_space)?;
-        let step_to = |share: f64| {
-            let to = x + step * share;
-            let value = self.value(&to)?;
-            (value < before).then_some((value, to))
-        };
-        let mut share = 1.0;
-        let mut best = None;
-        for _ in 0..6 {
-            best = step_to(share);
-            if best.is_some() {
-                break;
-            }
-            share *= 0.35;
-        }
-        // Newton's steps out of a narrow triangle are far too short: lengthen them while the energy falls, where it fell
-        // nearly as its slope says.
         let slope = gradient.dot(&step).abs();
-        while let Some((value, _)) = best {
-            if before - value < NEARLY_LINEAR * share * slope {
-                break;
-            }
-            share *= 2.5;
-            match step_to(share) {
-                Some(farther) if farther.0 < value && share < 1e3 => best = Some(farther),
-                _ => break,
-            }
-        }
-        best.map(|(_, place)| place)
+        lower_along(before, slope, |share| {
+            let to = x + step * share;
+            Some((self.value(&to)?, to))
+        })
     }
 }
