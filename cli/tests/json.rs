@@ -13,10 +13,13 @@ use crate::workplace::{Workplace, json, write_impossible_stairs, write_turned_bo
 const PAGE: &str = include_str!("../../docs/json.md");
 
 /// Fields of reports that take defects, other builds or long runs.
-const NOT_MADE_HERE: [(&str, &str); 18] = [
+const NOT_MADE_HERE: [(&str, &str); 20] = [
     // In builds without CGAL.
     ("boundary check", "self_intersections.reason"),
     ("checked model", "self_intersections.reason"),
+    // Of maps that are wrong: tested in `boundary_map::pair::isometry`.
+    ("boundary pair", "nearer_isometry.isometry_defect"),
+    ("boundary pair", "nearer_isometry.distance"),
     // Tested where the defects are: `names_that_are_not_utf8…`, `src/check`, `tests/spherical.rs`, `cli/tests/transfer.rs`,
     // `cli/tests/texture.rs`, `cli/tests/sequence.rs`, `cli/tests/compare.rs`.
     ("every document", "lossy_names"),
