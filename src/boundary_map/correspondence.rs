@@ -291,6 +291,7 @@ impl BoundaryMap {
     }
 
     /// The domain as it was before subdivision.
+    #[cfg(feature = "io")]
     pub(crate) fn unsubdivided_domain(&self) -> &SurfaceMesh {
         self.composition()
             .map_or(&self.domain, |composition| composition.domain().surface())
