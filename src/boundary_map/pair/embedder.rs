@@ -98,15 +98,22 @@ const NEWTON: NewtonOptions = NewtonOptions {
     most_iterations: 5,
     tolerance: 1e-4,
 };
-/// Limits while embeddings are compared and refined.
-const COARSE: AlternationLimits = AlternationLimits {
+/// Limits while dozens of embeddings are compared.
+const CROWDED: AlternationLimits = AlternationLimits {
     most_rounds: 3,
     least_decrease: 1e-3,
 };
+const CROWDED_VERTICES: usize = 450;
+/// Limits on the levels after that. What is not brought in order here stays: of a cat's map to a horse, with 3 rounds on each of
+/// these levels and 2 on the fine ones, a strip of the tail covered most of the other one, and 10 rounds at the end did not change it.
+const COARSE: AlternationLimits = AlternationLimits {
+    most_rounds: 20,
+    least_decrease: 3e-3,
+};
 /// The same on fine levels, where the last rounds follow soon.
 const FINE: AlternationLimits = AlternationLimits {
-    most_rounds: 2,
-    least_decrease: 1e-3,
+    most_rounds: 20,
+    least_decrease: 1e-2,
 };
 const FINE_VERTICES: usize = 3000;
 /// Limits for embeddings that have only been pulled to soft targets. Those that go on meet more landmarks later for it.
@@ -116,7 +123,7 @@ const SETTLING: AlternationLimits = AlternationLimits {
 };
 /// Limits at the end.
 const LAST: AlternationLimits = AlternationLimits {
-    most_rounds: 10,
+    most_rounds: 40,
     least_decrease: 5e-3,
 };
 /// The most energy of a triangle, over that of an isometry, when embeddings are compared: a few triangles that are nearly
@@ -269,7 +276,11 @@ impl DomainEmbedder<'_> {
             }
             map.locate(embedding);
             map.springs = self.springs_of_unmet(pinned, PIN_STIFFNESS);
-            let limits = if vertices < FINE_VERTICES { &COARSE } else { &FINE };
+            let limits = match vertices {
+                ..CROWDED_VERTICES => &CROWDED,
+                CROWDED_VERTICES..FINE_VERTICES => &COARSE,
+                _ => &FINE,
+            };
             *energy = self.improve(embedding, &mut map, pinned, limits, &|_| ());
             if meets {
                 *energy = self.meet_pins(embedding, &mut map, pinned, *energy, false);
