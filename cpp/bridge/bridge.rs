@@ -383,11 +383,18 @@ pub(super) mod ffi {
         length: f64,
         most_cells: usize,
         max_distance: f64,
+        most_vertices: usize,
         /// 0 automatic, 1 deformed, 2 voxels.
         polycube_kind: u8,
         polycube: PolycubeOptions,
         fit: FitOptions,
         remesh: RemeshOptions,
+    }
+
+    struct SimplifiedReport {
+        vertices: usize,
+        of: usize,
+        distortion: SurfaceDistortion,
     }
 
     struct VoxelReport {
@@ -634,6 +641,8 @@ pub(super) mod ffi {
         fn crossings(self: &Hexmesh) -> usize;
         fn is_deformed(self: &Hexmesh) -> bool;
         fn take_deformed(self: &mut Hexmesh) -> Result<Box<PolycubeMap>>;
+        fn is_simplified(self: &Hexmesh) -> bool;
+        fn simplified(self: &Hexmesh) -> Result<SimplifiedReport>;
         fn voxels(self: &Hexmesh) -> Result<VoxelReport>;
     }
 }

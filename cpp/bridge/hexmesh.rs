@@ -9,13 +9,17 @@ use super::polycube::{
     PolycubeMap, distortion_of, on_polycube_phase, polycube_for_cpp, polycube_options, size_for_cpp,
 };
 use super::solids::{RemeshResult, cell_kind, on_remesh_phase, remesh_for_cpp, remesh_options, required_cell_size};
-use solidmap::hexmesh::{self, HexmeshOptions, HexmeshPhase, HexmeshPolycube, PolycubeKind, VoxelReport};
+use solidmap::hexmesh::{
+    self, HexmeshOptions, HexmeshPhase, HexmeshPolycube, PolycubeKind, SimplifiedReport, VoxelReport,
+};
 use solidmap::remesh::CellKind;
 
 /// A mesh of a model, and what it was made by.
 pub struct Hexmesh {
     /// Of a deformed model, until it is taken.
     deformed: Option<Box<PolycubeMap>>,
+    /// Where it is not the model itself that was deformed.
+    simplified: Option<Box<SimplifiedReport>>,
     /// Of a polycube of voxels.
     voxels: Option<Box<VoxelReport>>,
     map: Map,
@@ -33,6 +37,7 @@ pub fn hexmesh_defaults() -> ffi::HexmeshOptions {
         length,
         most_cells: options.most_cells,
         max_distance: options.max_distance,
+        most_vertices: options.most_vertices,
         polycube_kind: match options.polycube_kind {
             PolycubeKind::Auto => 0,
             PolycubeKind::Deformed => 1,
@@ -50,6 +55,7 @@ fn hexmesh_options(options: &ffi::HexmeshOptions) -> Result<HexmeshOptions, Erro
         size: required_cell_size(options.along, options.length)?,
         most_cells: options.most_cells,
         max_distance: options.max_distance,
+        most_vertices: options.most_vertices,
         polycube_kind: match options.polycube_kind {
             0 => PolycubeKind::Auto,
             1 => PolycubeKind::Deformed,
@@ -69,6 +75,7 @@ pub fn make_hexmesh(
     guarded(|| {
         let tets = tets_of(model, "a model is given as")?;
         let progress = |phase| match phase {
+            HexmeshPhase::Simplifying => ask(watcher, "simplifying", f64::NAN, ""),
             HexmeshPhase::Polycube(phase) => on_polycube_phase(watcher, phase),
             HexmeshPhase::Pairing(phase) => on_pair_phase(watcher, phase),
             HexmeshPhase::Fitting(phase) => on_phase(watcher, phase),
@@ -76,12 +83,13 @@ pub fn make_hexmesh(
         };
         let made = hexmesh::make_hexmesh(&tets, &hexmesh_options(options)?, &progress)?;
         let crossings = made.crossings();
-        let (deformed, voxels) = match made.polycube {
-            HexmeshPolycube::Deformed(found) => (Some(Box::new(PolycubeMap::of(*found))), None),
-            HexmeshPolycube::Voxels(_, report) => (None, Some(report)),
+        let (deformed, simplified, voxels) = match made.polycube {
+            HexmeshPolycube::Deformed(found, simplified) => (Some(Box::new(PolycubeMap::of(*found))), simplified, None),
+            HexmeshPolycube::Voxels(_, report) => (None, None, Some(report)),
         };
         Ok(Box::new(Hexmesh {
             deformed,
+            simplified,
             voxels,
             map: Map::of(made.fit),
             remeshed: RemeshResult(made.remeshed),
@@ -110,6 +118,20 @@ impl Hexmesh {
     pub fn take_deformed(&mut self) -> Result<Box<PolycubeMap>, Error> {
         let found = self.deformed.take();
         found.ok_or_else(|| Error::new(ErrorKind::Internal, "there is no deformed model, or it was taken twice"))
+    }
+
+    pub fn is_simplified(&self) -> bool {
+        self.simplified.is_some()
+    }
+
+    pub fn simplified(&self) -> Result<ffi::SimplifiedReport, Error> {
+        let found = self.simplified.as_ref();
+        let found = found.ok_or_else(|| Error::new(ErrorKind::Internal, "the model was not simplified"))?;
+        Ok(ffi::SimplifiedReport {
+            vertices: found.vertices,
+            of: found.of,
+            distortion: distortion_of(Some(&found.distortion)),
+        })
     }
 
     pub fn voxels(&self) -> Result<ffi::VoxelReport, Error> {

@@ -18,10 +18,15 @@ ffi::HexmeshOptions for_rust(const HexmeshOptions& options) {
           options.length,
           options.max_cells,
           options.max_distance,
+          options.max_vertices,
           static_cast<std::uint8_t>(options.polycube_kind),
           detail::for_rust(options.polycube),
           detail::for_rust(options.fit),
           detail::for_rust(options.remesh)};
+}
+
+SimplifiedReport converted(const ffi::SimplifiedReport& found) {
+  return {found.vertices, found.of, detail::converted(found.distortion)};
 }
 
 VoxelReport converted(const ffi::VoxelReport& found) {
@@ -36,9 +41,11 @@ Hexmesh converted(rust::Box<ffi::Hexmesh> made) {
                      std::move(remeshed.report),
                      made->crossings(),
                      std::nullopt,
+                     std::nullopt,
                      std::nullopt};
   if (made->is_deformed()) {
     hexmesh.deformed = detail::converted(*made->take_deformed());
+    if (made->is_simplified()) hexmesh.simplified = converted(made->simplified());
   } else {
     hexmesh.voxels = converted(made->voxels());
   }
@@ -55,6 +62,7 @@ HexmeshOptions HexmeshOptions::standard() {
   options.length = from.length;
   options.max_cells = from.most_cells;
   options.max_distance = from.max_distance;
+  options.max_vertices = from.most_vertices;
   options.polycube_kind = static_cast<PolycubeKind>(from.polycube_kind);
   options.polycube = detail::converted(from.polycube);
   options.fit = detail::converted(from.fit);

@@ -121,7 +121,9 @@ class Hexmesh:
     map : Map
         The map from the polycube to the model.
     polycube : Polycube or None
-        The polycube, where it is the model deformed.
+        The polycube, where it is the model deformed, or a simplified one.
+    simplified : Report or None
+        ``vertices``, ``of`` and ``distortion`` of the simplified surface, where it is not the model itself that was deformed.
     voxels : Report or None
         The polycube, where it consists of voxels.
     """
@@ -131,7 +133,8 @@ class Hexmesh:
         self.map = Map._of(map_, found.tolerance_met)
         self.mesh = CarriedMesh._carried(mesh)
         self.polycube = None if polycube is None else Polycube(polycube)
-        voxels = found.voxels_json
+        simplified, voxels = found.simplified_json, found.voxels_json
+        self.simplified = None if simplified is None else Report(json.loads(simplified))
         self.voxels = None if voxels is None else Report(json.loads(voxels))
         self._max_distance = max_distance
 
@@ -255,6 +258,7 @@ def hexmesh(
     tolerance: float = 0.002,
     polish: int = 200,
     max_distance: float = 0.05,
+    max_vertices: int = 8000,
     worst: int = 5,
     progress: Progress = None,
     **repair: Unpack[RepairOptions],
@@ -281,6 +285,8 @@ def hexmesh(
         Iterations at most of each descent that improves the shapes of cells.
     max_distance : float
         Farthest that a vertex of the model may be from the mesh, as a fraction of the model's diagonal.
+    max_vertices : int
+        Largest surface that is deformed as it is; one without handles that has more vertices is simplified first.
     worst : int
         How many of the worst places are listed.
     progress : bool or callable, optional
@@ -314,6 +320,7 @@ def hexmesh(
         "tolerance": options.number("tolerance", tolerance),
         "polish": options.count("polish", polish),
         "max_distance": distance,
+        "max_vertices": options.count("max_vertices", max_vertices),
     }
     roles = [] if path is None else [("model", path)]
     with shown(progress) as callback:

@@ -196,12 +196,14 @@ pub struct HexmeshArguments {
     tolerance: f64,
     polish: usize,
     max_distance: f64,
+    max_vertices: usize,
 }
 
 /// A mesh of a model, the map that carried it, the polycube where it is the model deformed, and the report.
 #[pyclass(frozen, module = "solidmap._solidmap")]
 pub struct Hexmesh {
     parts: Mutex<Option<(Map, CarriedMesh, Option<Polycube>)>>,
+    simplified: Option<String>,
     voxels: Option<String>,
     tolerance_met: bool,
 }
@@ -212,6 +214,11 @@ impl Hexmesh {
     fn take(&self) -> PyResult<(Map, CarriedMesh, Option<Polycube>)> {
         let parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner).take();
         Ok(parts.ok_or_else(|| Failure::new(ErrorKind::Internal, "the parts of a mesh were taken twice"))?)
+    }
+
+    #[getter]
+    fn simplified_json(&self) -> Option<String> {
+        self.simplified.clone()
     }
 
     #[getter]
@@ -243,6 +250,7 @@ pub fn hexmesh(
         size: carried.size()?,
         most_cells: carried.max_cells,
         max_distance: arguments.max_distance,
+        most_vertices: arguments.max_vertices,
         polycube_kind: match arguments.polycube.as_str() {
             "deformed" => PolycubeKind::Deformed,
             "voxels" => PolycubeKind::Voxels,
@@ -268,6 +276,7 @@ pub fn hexmesh(
         let tets = model.tets(watch)?;
         let report = |phase| {
             watch.tell(|| match phase {
+                HexmeshPhase::Simplifying => step("simplifying"),
                 HexmeshPhase::Polycube(phase) => polycube_step(phase),
                 HexmeshPhase::Pairing(phase) => pair_step(phase),
                 HexmeshPhase::Fitting(phase) => fit_step(phase),
@@ -276,13 +285,16 @@ pub fn hexmesh(
         };
         let made = make_hexmesh(&tets, &options, &report)?;
         let tolerance_met = options.fit.is_met_by(&made.fit.report);
-        let (polycube, voxels) = match made.polycube {
-            HexmeshPolycube::Deformed(found) => (Some(Polycube(Arc::new(*found))), json!(null)),
-            HexmeshPolycube::Voxels(_, report) => (None, value_of(&report)?),
+        let (polycube, simplified, voxels) = match made.polycube {
+            HexmeshPolycube::Deformed(found, simplified) => {
+                (Some(Polycube(Arc::new(*found))), value_of(&simplified)?, json!(null))
+            }
+            HexmeshPolycube::Voxels(_, report) => (None, json!(null), value_of(&report)?),
         };
         let map = Map::of(made.fit, provenance(&inputs)?);
         Ok(Hexmesh {
             parts: Mutex::new(Some((map, CarriedMesh::of(made.remeshed, carried.worst), polycube))),
+            simplified: (!simplified.is_null()).then(|| simplified.to_string()),
             voxels: (!voxels.is_null()).then(|| voxels.to_string()),
             tolerance_met,
         })

@@ -21,6 +21,7 @@ mod distance;
 mod error;
 mod input;
 mod intersections;
+mod isotropic;
 mod offset;
 mod tetrahedra;
 mod worker;
@@ -29,6 +30,7 @@ pub use cancellation::cancellable;
 pub use distance::SignedDistanceField;
 pub use error::{CgalTetgenError, InputDefect};
 pub use intersections::self_intersections;
+pub use isotropic::remesh_isotropically;
 pub use offset::{OffsetOptions, OffsetSurface, offset_surface};
 pub use tetrahedra::{
     Mesh3Options, TetOptions, memory_estimate, regular_tet_circumradius, tetrahedralize, tetrahedralize_mesh3,

@@ -1,10 +1,12 @@
 //! From a model to its hexahedra: a polycube of the model on a lattice, the harmonic map from the polycube to the model, and
 //! the lattice's cells carried by it and repaired.
 //!
-//! The polycube is the model itself, deformed, or for a solid of genus 0 one of voxels with a bijection of the boundaries.
+//! The polycube is the model itself, deformed, or for a solid of genus 0 one of voxels with a bijection of the boundaries. Of a
+//! large one of genus 0 a simplified model is deformed.
 //! Every step is also there by itself: [`make_polycube`] or [`VoxelPolycube`] and
 //! [`map_pair`](crate::boundary_map::pair::map_pair), [`fit`], [`remesh`].
 
+mod simplified;
 mod voxels;
 
 use crate::boundary_map::pair::{PairError, PairPhase};
@@ -20,6 +22,7 @@ use crate::remesh::{
 };
 use crate::spherical::require_genus_0;
 
+pub use simplified::SimplifiedReport;
 pub use voxels::VoxelReport;
 
 /// Where the polycube comes from.
@@ -54,6 +57,9 @@ pub struct HexmeshOptions {
     pub max_distance: f64,
     /// Where the polycube comes from.
     pub polycube_kind: PolycubeKind,
+    /// A model of genus 0 whose surface has more vertices is simplified, and its polycube is made from the simplified one. The mesh's
+    /// boundary is on the model itself. Without the feature `native` it is deformed as it is.
+    pub most_vertices: usize,
     /// How the model is deformed to a polycube. Its lattice is chosen by the size of the cells.
     pub polycube: PolycubeOptions,
     /// How the map is fitted.
@@ -70,6 +76,7 @@ impl Default for HexmeshOptions {
             most_cells: 20_000_000,
             max_distance: MAX_DISTANCE,
             polycube_kind: PolycubeKind::Auto,
+            most_vertices: MOST_VERTICES,
             polycube: PolycubeOptions::default(),
             fit: FitOptions {
                 tolerance: TOLERANCE,
@@ -87,12 +94,17 @@ pub const TOLERANCE: f64 = 0.002;
 /// The default of [`HexmeshOptions::max_distance`].
 pub const MAX_DISTANCE: f64 = 0.05;
 
+/// The default of [`HexmeshOptions::most_vertices`].
+pub const MOST_VERTICES: usize = 8000;
+
 /// The current step of [`make_hexmesh`], for progress callbacks.
 #[derive(Debug, Clone, PartialEq)]
 pub enum HexmeshPhase {
+    /// A large model is simplified.
+    Simplifying,
     /// The polycube is made.
     Polycube(PolycubePhase),
-    /// The boundary of a polycube of voxels is mapped to the model's.
+    /// The boundary of a polycube of voxels, or of a simplified model, is mapped to the model's.
     Pairing(PairPhase),
     /// The map is fitted.
     Fitting(Phase),
@@ -144,8 +156,8 @@ pub enum HexmeshError {
 /// The polycube of a [`Hexmesh`].
 #[derive(Debug)]
 pub enum HexmeshPolycube {
-    /// The model, deformed.
-    Deformed(Box<PolycubeMap>),
+    /// The model, deformed; or a simplified one.
+    Deformed(Box<PolycubeMap>, Option<Box<SimplifiedReport>>),
     /// Voxels.
     Voxels(VoxelPolycube, Box<VoxelReport>),
 }
@@ -273,15 +285,27 @@ fn by_deformation(
         polycube_options.attempts = polycube_options.attempts.min(ATTEMPTS_BEFORE_VOXELS);
         polycube_options.effort = polycube_options.effort.min(EFFORT_BEFORE_VOXELS);
     }
-    let polycube = make_polycube(model, &polycube_options, &|phase| {
+    let surface = model.boundary().surface;
+    let simplified = match require_genus_0(&surface) {
+        Ok(_) => simplified::simplified(model, options, progress)?,
+        Err(_) => None,
+    };
+    let deformed = simplified.as_ref().unwrap_or(model);
+    let polycube = make_polycube(deformed, &polycube_options, &|phase| {
         progress(HexmeshPhase::Polycube(phase))
     })?;
-    let [domain, target] = polycube.surfaces();
-    let boundary = BoundaryMap::between(domain, &target)?;
+    let [domain, image] = polycube.surfaces();
+    let (boundary, simplified) = match simplified {
+        None => (BoundaryMap::between(domain, &image)?, None),
+        Some(_) => {
+            let (boundary, report) = simplified::onto_model(domain, &image, &surface, progress)?;
+            (boundary, Some(Box::new(report)))
+        }
+    };
     let size = cell_size(options, &polycube);
     let (fit, remeshed) = carried(&boundary, size, options, progress)?;
     Ok(Hexmesh {
-        polycube: HexmeshPolycube::Deformed(Box::new(polycube)),
+        polycube: HexmeshPolycube::Deformed(Box::new(polycube), simplified),
         fit,
         remeshed,
     })

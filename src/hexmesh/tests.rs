@@ -21,7 +21,7 @@ fn options(kind: CellKind, cells: usize) -> HexmeshOptions {
 
 fn deformed(made: &Hexmesh) -> &PolycubeMap {
     match &made.polycube {
-        HexmeshPolycube::Deformed(polycube) => polycube,
+        HexmeshPolycube::Deformed(polycube, _) => polycube,
         HexmeshPolycube::Voxels(..) => panic!("voxels"),
     }
 }
@@ -43,6 +43,38 @@ fn require_boundary_on(model: &TetMesh, made: &Hexmesh, genus: u64, volume_error
         .map(|(p, _)| query.closest_point(p).distance)
         .fold(0.0, f64::max);
     assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
+}
+
+#[cfg(feature = "native")]
+#[test]
+fn a_large_model_is_simplified_and_its_mesh_is_on_the_model_itself() {
+    let model = test_meshes::ball(6);
+    let vertices = model.boundary().surface.vertices().len();
+    let simplified = HexmeshOptions {
+        most_vertices: vertices / 2,
+        ..options(CellKind::Hexes, 8)
+    };
+    let made = make_hexmesh(&model, &simplified, &|_| {}).unwrap();
+    let HexmeshPolycube::Deformed(polycube, Some(report)) = &made.polycube else {
+        panic!("not simplified");
+    };
+    assert!(report.of == vertices && report.vertices < vertices, "{report:?}");
+    assert_eq!(polycube.surfaces()[0].vertices().len(), report.vertices);
+    assert_eq!(
+        invalid_cells(made.remeshed.mesh.cells(), &made.remeshed.images).cells,
+        [] as [u32; 0]
+    );
+    require_boundary_on(&model, &made, 0, 0.1);
+    // The map goes to the model, not to the simplified one.
+    assert_eq!(
+        made.fit.boundary.target_embedding().unwrap().surface().vertices().len(),
+        vertices
+    );
+    let stopped = |phase| match phase {
+        HexmeshPhase::Simplifying => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    };
+    assert!(make_hexmesh(&model, &simplified, &stopped).unwrap_err().is_cancelled());
 }
 
 #[test]
@@ -99,7 +131,7 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
     let order = RefCell::new(vec![]);
     let number = |phase: &HexmeshPhase| match phase {
         HexmeshPhase::Polycube(_) => 0,
-        HexmeshPhase::Pairing(_) => panic!("voxels"),
+        HexmeshPhase::Simplifying | HexmeshPhase::Pairing(_) => panic!("voxels, or simplified"),
         HexmeshPhase::Fitting(_) => 1,
         HexmeshPhase::Remeshing(_) => 2,
     };

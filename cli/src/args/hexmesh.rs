@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use solidmap::hexmesh::{MAX_DISTANCE, PolycubeKind, TOLERANCE};
+use solidmap::hexmesh::{MAX_DISTANCE, MOST_VERTICES, PolycubeKind, TOLERANCE};
 use solidmap::remesh::RemeshOptions;
 
 use super::places::PlacesArgs;
@@ -56,6 +56,10 @@ pub struct HexmeshArgs {
     /// code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = MAX_DISTANCE)]
     pub max_distance: f64,
+    /// Largest surface that is deformed as it is: one of genus 0 with more vertices is simplified, and its polycube's boundary is mapped
+    /// to the model's own
+    #[arg(long, value_name = "VERTICES", default_value_t = MOST_VERTICES)]
+    pub max_vertices: usize,
     #[command(flatten)]
     pub repair: RepairArgs,
     /// Write a picture: the mesh cut open, in the polycube, as mapped and repaired, and the distribution of det J

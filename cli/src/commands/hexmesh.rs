@@ -8,7 +8,9 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{Fit, FitOptions, FitReport};
-use solidmap::hexmesh::{Hexmesh, HexmeshOptions, HexmeshPhase, HexmeshPolycube, VoxelReport, make_hexmesh};
+use solidmap::hexmesh::{
+    Hexmesh, HexmeshOptions, HexmeshPhase, HexmeshPolycube, SimplifiedReport, VoxelReport, make_hexmesh,
+};
 use solidmap::io;
 use solidmap::polycube::{PolycubeMap, PolycubeOptions, PolycubeReport};
 use solidmap::remesh::{CellSize, RemeshOptions};
@@ -67,6 +69,8 @@ struct HexmeshSummary {
     problem: Option<String>,
     /// None where the polycube is one of voxels.
     polycube: Option<PolycubeReport>,
+    /// The simplified model that was deformed; none where it was the model itself.
+    simplified: Option<SimplifiedReport>,
     /// None where it is not.
     voxels: Option<VoxelReport>,
     fit: Option<FitReport>,
@@ -104,6 +108,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     let options = options(args);
     let attempt = Cell::new(1);
     let progress = |phase| match phase {
+        HexmeshPhase::Simplifying => output.progress("simplifying"),
         HexmeshPhase::Polycube(phase) => polycubes::show_phase(phase, &attempt, output),
         HexmeshPhase::Pairing(phase) => boundary_map::show_phase(phase, output),
         HexmeshPhase::Fitting(phase) => fitting::show_phase(phase, "", output),
@@ -121,6 +126,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
         picture: None,
         problem: None,
         polycube: None,
+        simplified: None,
         voxels: None,
         fit: None,
         mesh: None,
@@ -162,6 +168,7 @@ fn options(args: &HexmeshArgs) -> HexmeshOptions {
         },
         most_cells: args.repair.max_cells,
         max_distance: args.max_distance,
+        most_vertices: args.max_vertices,
         polycube_kind: args.polycube.into(),
         polycube: PolycubeOptions {
             smoothness: args.smoothness.smoothness,
@@ -203,9 +210,9 @@ fn written(
         remeshed,
     } = made;
     carried_mesh_file::write(&args.output, &remeshed, &remeshed.images, &origin)?;
-    let (deformed, voxels) = match polycube {
-        HexmeshPolycube::Deformed(found) => (Some(found), None),
-        HexmeshPolycube::Voxels(_, report) => (None, Some(*report)),
+    let (deformed, simplified, voxels) = match polycube {
+        HexmeshPolycube::Deformed(found, simplified) => (Some(found), simplified, None),
+        HexmeshPolycube::Voxels(_, report) => (None, None, Some(*report)),
     };
     if deformed.as_ref().is_some_and(|found| found.report.lattice.is_none()) {
         output.warn(
@@ -257,6 +264,7 @@ fn written(
         keep: file_name(args.keep.as_ref()),
         picture: file_name(picture.map(|(path, _)| path)),
         polycube: deformed.map(|found| found.report),
+        simplified: simplified.map(|report| *report),
         voxels,
         fit: Some(fit.report),
         mesh: Some(mesh),
@@ -305,6 +313,16 @@ fn voxel_rows(report: &VoxelReport) -> [[String; 2]; 2] {
 
 fn rows(summary: &HexmeshSummary) -> Vec<[String; 2]> {
     let mut rows = summary.polycube.as_ref().map_or(vec![], polycubes::rows);
+    if let Some(simplified) = &summary.simplified {
+        rows.push([
+            "simplified".into(),
+            format!(
+                "the polycube is that of a surface of {} of the model's {} vertices",
+                simplified.vertices, simplified.of
+            ),
+        ]);
+        rows.push(["onto the model".into(), polycubes::distortion(&simplified.distortion)]);
+    }
     if let Some(voxels) = &summary.voxels {
         rows.extend(voxel_rows(voxels));
     }

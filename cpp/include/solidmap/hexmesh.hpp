@@ -38,6 +38,9 @@ struct HexmeshOptions {
   /// How far a vertex of the model may be from the mesh, as a fraction of the model's diagonal, before another polycube
   /// is tried; positive.
   double max_distance = 0.05;
+  /// A model without handles whose surface has more vertices is simplified, and its polycube is that of the simplified one. The
+  /// mesh's boundary is on the model itself.
+  std::size_t max_vertices = 8000;
   PolycubeKind polycube_kind = PolycubeKind::automatic;
   /// How the model is deformed. The lattice is chosen by the size of the cells.
   PolycubeOptions polycube;
@@ -50,6 +53,15 @@ struct HexmeshOptions {
   static HexmeshOptions standard();
   /// FitOptions() with a tolerance of 0.002: boundary nodes are where the boundary map puts them, not the fitted one.
   static FitOptions standard_fit();
+};
+
+/// What is known of a simplified model.
+struct SimplifiedReport {
+  /// Vertices of its surface, and of the model's.
+  std::size_t vertices = 0;
+  std::size_t of = 0;
+  /// How its surface is distorted to the model's.
+  SurfaceDistortion distortion;
 };
 
 /// What is known of a polycube of voxels.
@@ -80,10 +92,12 @@ struct Hexmesh {
   RemeshReport report;
   /// Pairs of boundary triangles that pass through each other, quads as two triangles.
   std::size_t crossings = 0;
-  /// The polycube, where it is the model, deformed; else it consists of voxels, and this is what is known of them. One
-  /// of the two has a value.
+  /// The polycube, where it is the model, deformed, or a simplified one; else it consists of voxels, and this is what is known of
+  /// them. One of the two has a value.
   std::optional<PolycubeMap> deformed;
   std::optional<VoxelReport> voxels;
+  /// The simplified model that was deformed, where it was not the model itself.
+  std::optional<SimplifiedReport> simplified;
 
   /// Whether no cell is inverted or flat, and no boundary triangles pass through each other.
   bool valid() const { return report.quality.inverted == 0 && crossings == 0; }
@@ -98,7 +112,7 @@ struct Hexmesh {
 /// the report.
 ///
 /// A model of 50 000 tetrahedra takes 15 s to a minute on two cores. The steps are those of make_polycube(),
-/// BoundaryMap::pair() (for voxels), fit() and remesh(); with a second polycube they begin again.
+/// BoundaryMap::pair() (for voxels and simplified models), fit() and remesh(); with a second polycube they begin again.
 ///
 /// Throws Error: numerical (no polycube was found), invalid_input (hexahedra, a model or option that cannot be used,
 /// voxels for a model with handles), memory (more cells or bytes than allowed), cancelled, and else as fit() and

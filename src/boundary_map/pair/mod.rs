@@ -435,11 +435,14 @@ impl PairMapping<'_> {
     fn schedules(&self, embedder: &DomainEmbedder) -> (Schedules, Vec<SearchStep>) {
         let landmarks = embedder.pins.len();
         if landmarks > 0 {
-            let schedules = SCHEDULES_WITH_LANDMARKS.map(|schedule| schedule.for_landmarks(landmarks));
-            (
-                Schedules::of_all(&schedules),
-                STEPS.map(|step| step.for_landmarks(landmarks)).into(),
-            )
+            // As without landmarks, but that these are met late.
+            let of_best = MORE_SCHEDULES.map(|schedule| schedule.with_landmarks_from(LATE_LANDMARKS));
+            let for_landmarks = |schedule: SoftTargetSchedule| schedule.for_landmarks(landmarks);
+            let schedules = Schedules {
+                of_all: SCHEDULES_WITH_LANDMARKS.map(for_landmarks).into(),
+                of_best: of_best.map(for_landmarks).into(),
+            };
+            (schedules, STEPS.map(|step| step.for_landmarks(landmarks)).into())
         } else if self.options.aligned {
             (Schedules::of_all(&SCHEDULES_IN_PLACE), STEPS_IN_PLACE.into())
         } else {

@@ -1,0 +1,88 @@
+//! A large model's polycube: a simplified model is deformed in its place, and the polycube's boundary goes to the model's by way of
+//! the simplified one's.
+//!
+//! What a deformation costs grows with the tetrahedra, and what is wanted of it, a few charts that follow the shape, does not need
+//! more of them. The simplified boundary is mapped to the model's through spherical embeddings, so that every point of the polycube's
+//! boundary has its point of the model's own, one to one.
+
+use super::{HexmeshError, HexmeshOptions, HexmeshPhase};
+use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
+use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
+use crate::mesh::{SurfaceMesh, TetMesh};
+use crate::progress::ProgressControl;
+use crate::spherical::SphericalEmbedding;
+
+/// What is known of a simplified model.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct SimplifiedReport {
+    /// Vertices of its surface.
+    pub vertices: usize,
+    /// Vertices of the model's surface.
+    pub of: usize,
+    /// Distortion of the map from its surface to the model's.
+    pub distortion: SurfaceDistortion,
+}
+
+/// The simplified model, filled with tetrahedra; `None` for a model that is not large, and where it cannot be simplified without
+/// passing through itself, or this build cannot.
+pub(super) fn simplified(
+    model: &TetMesh,
+    options: &HexmeshOptions,
+    progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
+) -> Result<Option<TetMesh>, HexmeshError> {
+    let surface = model.boundary().surface;
+    if surface.vertices().len() <= options.most_vertices {
+        return Ok(None);
+    }
+    if progress(HexmeshPhase::Simplifying) == ProgressControl::Cancel {
+        return Err(crate::polycube::MakePolycubeError::Cancelled.into());
+    }
+    Ok(filled(&surface, options))
+}
+
+/// Vertices of a simplified model. For scale: its polycube takes some ten seconds.
+#[cfg(feature = "native")]
+const VERTICES: usize = 6000;
+
+#[cfg(feature = "native")]
+fn filled(surface: &SurfaceMesh, options: &HexmeshOptions) -> Option<TetMesh> {
+    use crate::cgal_tetgen::{TetOptions, remesh_isotropically, tetrahedralize};
+    let vertices = VERTICES.min(options.most_vertices);
+    // Two triangles of side l, √3/4 l² each, for every vertex.
+    let edge_length = (2.0 * surface.area() / (3f64.sqrt() * vertices as f64)).sqrt();
+    let remeshed = remesh_isotropically(surface, edge_length).ok()?;
+    // Refuses surfaces that pass through themselves.
+    let tets = tetrahedralize(&remeshed, &TetOptions::default()).ok()?;
+    crate::spherical::require_genus_0(&remeshed).is_ok().then_some(tets)
+}
+
+#[cfg(not(feature = "native"))]
+fn filled(_: &SurfaceMesh, _: &HexmeshOptions) -> Option<TetMesh> {
+    None
+}
+
+/// The map from the polycube's boundary to the model's; `simplified` is the simplified model's, with the triangles of the polycube's.
+pub(super) fn onto_model(
+    polycube: SurfaceMesh,
+    simplified: &SurfaceMesh,
+    model: &SurfaceMesh,
+    progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
+) -> Result<(BoundaryMap, SimplifiedReport), HexmeshError> {
+    let in_place = PairOptions {
+        aligned: true,
+        ..PairOptions::default()
+    };
+    let pairing = |phase| progress(HexmeshPhase::Pairing(phase));
+    let (onto, pair) = map_pair(simplified, model, &in_place, &pairing)?;
+    let report = SimplifiedReport {
+        vertices: simplified.vertices().len(),
+        of: model.vertices().len(),
+        distortion: pair.after,
+    };
+    let (Some(embedding), Some(target)) = (onto.domain_embedding(), onto.target_embedding()) else {
+        return Err(PairError::NoEmbedding.into());
+    };
+    let embedding = SphericalEmbedding::new(polycube, embedding.directions())
+        .map_err(|error| PairError::Sphere { side: "domain", error })?;
+    Ok((BoundaryMap::through_sphere(embedding, target.clone())?, report))
+}
