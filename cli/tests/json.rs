@@ -281,6 +281,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("eval", "eval both.map at.csv -o e.csv"),
         ("eval --inverse", "eval both.map at.csv --inverse -o i.csv"),
         ("energy", "energy both.map"),
+        ("view", "view both.map -o v.html --samples 8"),
         ("certify of a bijective map", "certify both.map"),
         ("transfer", "transfer both.map field.csv --at at.csv -o t.csv"),
         ("eval", "eval cube.map at.csv -o e.csv"),

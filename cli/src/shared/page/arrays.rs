@@ -8,13 +8,15 @@ use flate2::Compression;
 use flate2::write::DeflateEncoder;
 use serde::Serialize;
 
-/// The type of an array's entries, by the name of JavaScript's typed array.
+/// The type of an array's entries, serialized as the name of JavaScript's typed array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub enum Entries {
-    Float32Array,
-    Float64Array,
-    Uint8Array,
-    Uint32Array,
+    #[serde(rename = "Float32Array")]
+    F32,
+    #[serde(rename = "Float64Array")]
+    F64,
+    #[serde(rename = "Uint32Array")]
+    U32,
 }
 
 /// An array as it stands in a page.
@@ -33,43 +35,25 @@ impl PackedArray {
     /// Numbers of single precision: enough for all that is drawn.
     pub fn floats(name: impl Into<String>, values: impl IntoIterator<Item = f64>) -> Self {
         let values = values.into_iter().map(|value| (value as f32).to_le_bytes());
-        Self::packed(
-            name.into(),
-            Entries::Float32Array,
-            values.collect::<Vec<_>>().as_flattened(),
-        )
+        Self::packed(name.into(), Entries::F32, values.collect::<Vec<_>>().as_flattened())
     }
 
     /// Numbers of double precision.
     pub fn doubles(name: impl Into<String>, values: impl IntoIterator<Item = f64>) -> Self {
         let values = values.into_iter().map(f64::to_le_bytes);
-        Self::packed(
-            name.into(),
-            Entries::Float64Array,
-            values.collect::<Vec<_>>().as_flattened(),
-        )
+        Self::packed(name.into(), Entries::F64, values.collect::<Vec<_>>().as_flattened())
     }
 
     /// Indices.
     pub fn indices(name: impl Into<String>, values: impl IntoIterator<Item = u32>) -> Self {
         let values = values.into_iter().map(u32::to_le_bytes);
-        Self::packed(
-            name.into(),
-            Entries::Uint32Array,
-            values.collect::<Vec<_>>().as_flattened(),
-        )
-    }
-
-    /// Small numbers and flags.
-    pub fn bytes(name: impl Into<String>, values: &[u8]) -> Self {
-        Self::packed(name.into(), Entries::Uint8Array, values)
+        Self::packed(name.into(), Entries::U32, values.collect::<Vec<_>>().as_flattened())
     }
 
     fn packed(name: String, entries: Entries, bytes: &[u8]) -> Self {
         let size = match entries {
-            Entries::Float64Array => 8,
-            Entries::Float32Array | Entries::Uint32Array => 4,
-            Entries::Uint8Array => 1,
+            Entries::F64 => 8,
+            Entries::F32 | Entries::U32 => 4,
         };
         Self {
             name,
@@ -108,7 +92,7 @@ mod tests {
     fn an_array_is_unpacked_to_the_same_entries() {
         let values = [1.5, -2.0, 3.25e8, f64::NAN];
         let array = PackedArray::floats("x", values);
-        assert_eq!((array.length, array.entries), (4, Entries::Float32Array));
+        assert_eq!((array.length, array.entries), (4, Entries::F32));
         let mut bytes = Vec::new();
         let packed = STANDARD.decode(array.text()).unwrap();
         flate2::read::DeflateDecoder::new(&packed[..])

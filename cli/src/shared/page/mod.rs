@@ -161,7 +161,7 @@ mod tests {
             files: vec![],
             notes: vec![hostile.into()],
             tables: vec![],
-            arrays: vec![PackedArray::bytes("a", &[1, 2])],
+            arrays: vec![PackedArray::indices("a", [1, 2])],
         };
         let html = page.html(&serde_json::json!({"kind": "none"})).unwrap();
         assert!(!html.contains("<script>alert"), "{hostile}");

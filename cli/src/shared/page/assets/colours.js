@@ -45,7 +45,7 @@ export function legend(palettes, wrongMeaning) {
     const shown = [0, 0.5, 1].map((place) => element('span', {}, significant(valueAt(field, place), 3)));
     ends.replaceChildren(...shown);
     const unit = field.unit && field.unit !== '×' ? ` (${field.unit})` : '';
-    const clamps = field.clamps ? ' 1 % of the samples is beyond the ends, and has their colours.' : '';
+    const clamps = field.clamps ? ' Values beyond the ends have the colours of the ends.' : '';
     const scale = field.logarithmic ? ' Logarithmic.' : '';
     meaning.textContent = `${field.meaning}${unit}.${scale}${clamps}`;
   };

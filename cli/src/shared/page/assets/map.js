@@ -29,6 +29,7 @@ class MapPage {
     this.picked = new Morphed(arrays.domain, arrays.image, arrays.triangles);
     this.box = boxOf(arrays.domain, data.domain);
     this.stage = new Stage(['Domain', 'Target'], data.up);
+    this.stage.show(arrays.domain, arrays.image);
     this.state = { axis: (data.up[0] + 2) % 3, position: 0.5, side: 1, amount: 1, field: data.fields[0].key, cutting: true, lines: false, boundary: 'checker' };
     this.state.side = Math.sign(this.stage.camera.position.getComponent(this.state.axis)) || 1;
     this.#build();
@@ -123,7 +124,7 @@ class MapPage {
         tick('lattice lines on the cut', false, (lines) => changed({ lines })).element),
       group('Boundary', choice('pattern', CHECKERS, state.boundary, (boundary) => changed({ boundary })).element),
       group('Target', morph.element,
-        element('p', { class: 'legend' }, 'Points move to their images along straight lines, both solids scaled to one size: not a deformation in time.')),
+        element('p', { class: 'legend' }, 'Points move to their images along straight lines, with both solids scaled to one size.')),
       group('A point of the domain', triple('point', AXES, (point) => this.#probe(point))),
       element('div', { class: 'row' },
         button('Save picture', () => this.stage.save('solidmap.png')),

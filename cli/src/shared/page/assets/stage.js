@@ -10,6 +10,8 @@ const AZIMUTH = 35;
 const ELEVATION = 22;
 /** Degrees that a key turns by. */
 const TURN = 7.5;
+/** How much of a view is filled from where it begins. */
+const MARGIN = 0.9;
 
 export class Stage {
   /** One view for each caption. `up` is the axis that points up, and whether by its negative end. */
@@ -23,7 +25,9 @@ export class Stage {
     this.controls.enableDamping = false;
     this.controls.minDistance = 0.5;
     this.controls.maxDistance = 20;
+    this.controls.addEventListener('start', () => { this.atHome = false; });
     this.controls.addEventListener('change', () => this.draw());
+    this.shown = [];
     this.home();
     new ResizeObserver(() => this.#resize()).observe(this.element);
     this.beforeDraw = () => {};
@@ -52,16 +56,34 @@ export class Stage {
     along.applyAxisAngle(this.up, azimuth);
     along.multiplyScalar(Math.cos(elevation)).addScaledVector(this.up, Math.sin(elevation));
     this.controls.target.set(0, 0, 0);
-    this.camera.position.copy(along.multiplyScalar(this.#distance()));
+    this.camera.position.copy(along).multiplyScalar(this.#distance(along));
+    this.atHome = true;
     this.controls.update();
     this.draw();
   }
 
-  /** From where a ball of radius 1 fills most of a view. */
-  #distance() {
-    const half = (FIELD * Math.PI) / 360;
-    const width = Math.atan(Math.tan(half) * Math.min(1, this.camera.aspect));
-    return 0.96 / Math.sin(width);
+  /** What must be in view from where it begins: arrays of coordinates. */
+  show(...points) {
+    this.shown = points;
+    this.home();
+  }
+
+  /** From how far everything is in view, in a direction. */
+  #distance(direction) {
+    const slope = MARGIN * Math.tan((FIELD * Math.PI) / 360);
+    const right = new Vector3().crossVectors(this.up, direction).normalize();
+    const above = new Vector3().crossVectors(direction, right);
+    let distance = 1;
+    const point = new Vector3();
+    for (const points of this.shown) {
+      const stride = 3 * Math.ceil(points.length / 60_000);
+      for (let k = 0; k < points.length; k += stride) {
+        point.fromArray(points, k);
+        const needed = Math.max(Math.abs(point.dot(above)), Math.abs(point.dot(right)) / this.camera.aspect) / slope;
+        distance = Math.max(distance, point.dot(direction) + needed);
+      }
+    }
+    return distance;
   }
 
   #key(event) {
@@ -84,6 +106,7 @@ export class Stage {
     event.preventDefault();
     action();
     if (event.key !== '0') {
+      this.atHome = false;
       this.camera.position.copy(this.controls.target).add(offset);
       this.controls.update();
       this.draw();
@@ -91,7 +114,6 @@ export class Stage {
   }
 
   #resize() {
-    const before = this.#distance();
     for (const { canvas, renderer } of this.views) {
       const { clientWidth: width, clientHeight: height } = canvas;
       renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
@@ -99,9 +121,7 @@ export class Stage {
       this.camera.aspect = width / Math.max(height, 1);
     }
     this.camera.updateProjectionMatrix();
-    const offset = this.camera.position.clone().sub(this.controls.target);
-    this.camera.position.copy(this.controls.target).addScaledVector(offset, this.#distance() / before);
-    this.controls.update();
+    if (this.atHome) this.home();
     this.draw(true);
   }
 
