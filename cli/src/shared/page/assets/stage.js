@@ -31,7 +31,6 @@ export class Stage {
     this.home();
     new ResizeObserver(() => this.#resize()).observe(this.element);
     this.beforeDraw = () => {};
-    this.waiting = false;
   }
 
   #view(caption) {
@@ -121,22 +120,22 @@ export class Stage {
       this.camera.aspect = width / Math.max(height, 1);
     }
     this.camera.updateProjectionMatrix();
+    this.sized = true;
     if (this.atHome) this.home();
     this.draw(true);
   }
 
   /** Draws with the next frame of the screen, once for all that has changed; or at once. */
   draw(now = false) {
+    // Nothing is seen before the first size is known.
+    if (!this.sized) return;
     if (now) this.#render();
-    else if (!this.waiting) {
-      this.waiting = true;
-      requestAnimationFrame(() => this.#render());
-    }
+    else this.waiting ??= requestAnimationFrame(() => this.#render());
   }
 
   #render() {
-    this.waiting = false;
-    if (!this.beforeDraw) return;
+    cancelAnimationFrame(this.waiting);
+    this.waiting = undefined;
     this.beforeDraw();
     for (const { renderer, scene } of this.views) renderer.render(scene, this.camera);
   }
