@@ -16,6 +16,7 @@ pub mod isolation;
 pub mod json;
 pub mod made_folder;
 pub mod map_page;
+pub mod mesh_page;
 pub mod output;
 pub mod page;
 pub mod picture_file;

@@ -1,16 +1,15 @@
-//! `solidmap view`: a page to look into a map.
+//! `solidmap view`: a page to look into a map or a mesh.
 
-use anyhow::Context;
+mod map;
+mod mesh;
+
 use serde::Serialize;
-use solidmap::energy::{AdaptiveOptions, EnergyOptions, EnergyReport, adaptive_energies, cell_quadrature, energies};
-use solidmap::mesh::CellMesh;
+use solidmap::io;
 
 use crate::CommandOutcome;
 use crate::args::ViewArgs;
-use crate::shared::chosen_map::ChosenMap;
 use crate::shared::input;
 use crate::shared::json::FileName;
-use crate::shared::map_page::MapPage;
 use crate::shared::output::{Output, two_columns};
 use crate::shared::page;
 
@@ -18,80 +17,60 @@ use crate::shared::page;
 #[derive(Serialize)]
 struct ViewSummary {
     file: FileName,
-    kind: &'static str,
     output: FileName,
     /// Size of the page.
     bytes: usize,
-    /// Samples of a map along each axis of its domain.
-    samples: [usize; 3],
-    /// Whether those are fewer than asked for, because of `--max-size`.
-    coarser: bool,
+    #[serde(flatten)]
+    shown: Shown,
+}
+
+/// What a page shows.
+#[derive(Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+enum Shown {
+    Map {
+        /// Samples along each axis of the domain.
+        samples: [usize; 3],
+        /// Whether those are fewer than asked for, because of `--max-size`.
+        coarser: bool,
+    },
+    Mesh {
+        cells: usize,
+        inverted_cells: usize,
+    },
 }
 
 /// Writes the page.
 pub fn run(args: &ViewArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     input::require_writable(&args.output, &["html", "htm"], &[&args.file])?;
     output.progress("reading");
-    let (file, boundary) = input::read_fitted_map(&args.file)?;
-    let chosen = ChosenMap::of(&file, &args.file, &args.choice)?;
-
-    output.progress("integrating");
-    let options = EnergyOptions::default();
-    let energy =
-        measured(chosen, &boundary, &options).with_context(|| format!("cannot measure `{}`", args.file.display()))?;
-    let page = MapPage {
-        path: &args.file,
-        chosen,
-        boundary: &boundary,
-        metadata: &file.metadata,
-        energy: &energy,
-        options,
-        up: args.up,
+    let (html, shown) = if io::is_mesh(&args.file) {
+        mesh::page(args, output)?
+    } else {
+        map::page(args, output)?
     };
-    let made = page.make(&args.page, output)?;
-    if made.is_coarser {
-        let [nx, ny, nz] = made.samples;
-        output.warn(format!(
-            "the map is sampled more coarsely than asked for, at {nx} × {ny} × {nz} points, to keep to --max-size"
-        ));
-    }
     output.progress("writing");
-    page::write(&args.output, &made.html)?;
+    page::write(&args.output, &html)?;
     let report = ViewSummary {
         file: (&args.file).into(),
-        kind: "map",
         output: (&args.output).into(),
-        bytes: made.html.len(),
-        samples: made.samples,
-        coarser: made.is_coarser,
+        bytes: html.len(),
+        shown,
     };
     output.result(&report, || two_columns(rows(&report)))?;
     Ok(CommandOutcome::Done)
 }
 
-/// The energies of a map: a bijective one is integrated exactly by its own tetrahedra.
-fn measured(
-    chosen: ChosenMap,
-    boundary: &solidmap::boundary_map::BoundaryMap,
-    options: &EnergyOptions,
-) -> anyhow::Result<EnergyReport> {
-    let target_volume = boundary.target_volume();
-    if let ChosenMap::Bijective(map) = chosen {
-        let quadrature = cell_quadrature(&CellMesh::from(map.domain().clone()))?;
-        return Ok(energies(map, &quadrature, quadrature.volume(), target_volume, options)?);
-    }
-    let accuracy = AdaptiveOptions::default();
-    let (_, report) = adaptive_energies(chosen.map(), boundary.domain(), target_volume, options, &accuracy)?;
-    Ok(report)
-}
-
 fn rows(report: &ViewSummary) -> Vec<[String; 2]> {
-    let [nx, ny, nz] = report.samples;
+    let shown = match report.shown {
+        Shown::Map {
+            samples: [nx, ny, nz], ..
+        } => ["samples", &format!("{nx} × {ny} × {nz}")],
+        Shown::Mesh { cells, inverted_cells } => ["cells", &format!("{cells}, of which {inverted_cells} inverted")],
+    };
+    let size = page::megabytes(report.bytes as u64);
     vec![
-        ["samples".into(), format!("{nx} × {ny} × {nz}")],
-        [
-            "written".into(),
-            format!("{} ({:.1} MB)", report.output.display(), report.bytes as f64 / 1e6),
-        ],
+        shown.map(String::from),
+        ["written".into(), format!("{} ({size:.1} MB)", report.output.display())],
     ]
 }

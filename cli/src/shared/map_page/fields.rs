@@ -1,6 +1,5 @@
 //! What a page colours a map by.
 
-use serde::Serialize;
 use solidmap::energy::distortion::stretches;
 use solidmap::energy::{EnergyOptions, UnitVolumeScale, deformation_density, harmonic_density};
 use solidmap::geometry::{QueryError, distance_field};
@@ -8,25 +7,7 @@ use solidmap::mesh::SurfaceMesh;
 use solidmap::statistics::quantiles;
 
 use super::lattice::LatticeSamples;
-use crate::shared::page::PackedArray;
-
-/// A scalar of a map.
-#[derive(Debug, Clone, Serialize)]
-pub struct PageField {
-    /// By which scripts know it; its array is `field-KEY`.
-    key: &'static str,
-    label: &'static str,
-    unit: &'static str,
-    meaning: &'static str,
-    /// `amount`, or `ratio`, which has 1 in the middle.
-    palette: &'static str,
-    logarithmic: bool,
-    /// The ends of the colour scale.
-    low: f64,
-    high: f64,
-    /// Whether some values are beyond the ends.
-    clamps: bool,
-}
+use crate::shared::page::{PackedArray, PageField, Palette};
 
 /// Values of one scalar, and how to show them.
 struct Scalar {
@@ -94,12 +75,7 @@ pub fn fields(
 }
 
 impl Scalar {
-    fn new(
-        samples: &LatticeSamples,
-        values: Vec<f64>,
-        palette: &'static str,
-        ends: impl Fn([f64; 2]) -> [f64; 2],
-    ) -> Self {
+    fn new(samples: &LatticeSamples, values: Vec<f64>, palette: Palette, ends: impl Fn([f64; 2]) -> [f64; 2]) -> Self {
         let inside = values.iter().zip(&samples.is_inside);
         let inside: Vec<f64> = inside
             .filter(|(v, inside)| **inside && v.is_finite())
@@ -108,10 +84,10 @@ impl Scalar {
         let [least, few, most_of, most] = quantiles(&inside, [0.0, 1.0 - SHOWN, SHOWN, 1.0]).unwrap_or_default();
         let [low, high] = ends([few, most_of]);
         let field = PageField {
-            key: "",
-            label: "",
+            key: "".into(),
+            label: "".into(),
             unit: "",
-            meaning: "",
+            meaning: "".into(),
             palette,
             logarithmic: false,
             low,
@@ -123,10 +99,10 @@ impl Scalar {
 
     fn named(self, key: &'static str, label: &'static str, unit: &'static str, meaning: &'static str) -> Self {
         let field = PageField {
-            key,
-            label,
+            key: key.into(),
+            label: label.into(),
             unit,
-            meaning,
+            meaning: meaning.into(),
             ..self.field
         };
         Self { field, ..self }
@@ -143,7 +119,7 @@ impl Scalar {
 
 /// From zero.
 fn amount(samples: &LatticeSamples, values: Vec<f64>) -> Scalar {
-    Scalar::new(samples, values, "amount", |[_, high]| {
+    Scalar::new(samples, values, Palette::Amount, |[_, high]| {
         [0.0, high.max(f64::MIN_POSITIVE)]
     })
 }
@@ -155,12 +131,15 @@ fn ratio(samples: &LatticeSamples, values: Vec<f64>) -> Scalar {
         let most = high.max(low).clamp(RATIOS[0], RATIOS[1]);
         [1.0 / most, most]
     };
-    Scalar::new(samples, values, "ratio", ends).logarithmic()
+    Scalar::new(samples, values, Palette::Ratio, ends).logarithmic()
 }
 
 /// From 1.
 fn anisotropy(samples: &LatticeSamples) -> Scalar {
     let ratio = |[first, _, third]: [f64; 3]| first / third.abs();
     let values = samples.jacobians.iter().map(|j| ratio(stretches(j))).collect();
-    Scalar::new(samples, values, "amount", |[_, high]| [1.0, high.clamp(RATIOS[0], 1e6)]).logarithmic()
+    Scalar::new(samples, values, Palette::Amount, |[_, high]| {
+        [1.0, high.clamp(RATIOS[0], 1e6)]
+    })
+    .logarithmic()
 }

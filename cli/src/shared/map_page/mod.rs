@@ -8,20 +8,17 @@ use std::path::Path;
 
 use anyhow::{Context, ensure};
 use serde::Serialize;
-use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::energy::{EnergyOptions, EnergyReport, Lame, UnitVolumeScale};
 use solidmap::files::MapMetadata;
 use solidmap::geometry::Axis;
 use solidmap::map::HarmonicMap;
-use solidmap::mesh::SurfaceMesh;
 
 use super::chosen_map::{ChosenMap, MapName};
 use super::input;
 use super::output::Output;
-use super::page::{NumberTable, PackedArray, Page};
+use super::page::{Framing, NumberTable, PackedArray, Page, PageField, megabytes};
 use crate::args::{PageArgs, UpKind};
-use fields::PageField;
 use lattice::LatticeSamples;
 
 /// A map to make a page of.
@@ -78,33 +75,11 @@ struct MapContent {
     up: (usize, bool),
 }
 
-/// How a solid is moved and scaled to be seen: `(p − centre) / radius`.
-#[derive(Clone, Copy, Serialize)]
-struct Framing {
-    centre: [f64; 3],
-    radius: f64,
-}
-
 #[derive(Serialize)]
 struct LatticeContent {
     low: [f64; 3],
     step: f64,
     counts: [usize; 3],
-}
-
-impl Framing {
-    fn of(solid: &SurfaceMesh) -> Self {
-        let (low, high) = solid.bounding_box().unwrap_or_default();
-        Self {
-            centre: (low + (high - low) / 2.0).into(),
-            radius: solid.diagonal() / 2.0,
-        }
-    }
-
-    fn place<'p>(self, points: impl IntoIterator<Item = &'p Point>) -> impl Iterator<Item = f64> {
-        let placed = move |p: &Point| [0, 1, 2].map(|k| (p[k] - self.centre[k]) / self.radius);
-        points.into_iter().flat_map(placed)
-    }
 }
 
 impl MapPage<'_> {
@@ -144,7 +119,7 @@ impl MapPage<'_> {
         let (domain, image) = (self.boundary.domain(), self.boundary.image());
         let corners = domain.triangles().iter().flatten().copied();
         let mut arrays = vec![
-            PackedArray::floats("domain", Framing::of(domain).place(domain.vertices())),
+            PackedArray::floats("domain", Framing::of(domain.vertices()).place(domain.vertices())),
             PackedArray::floats("image", self.target_framing().place(image)),
             PackedArray::indices("triangles", corners),
         ];
@@ -158,7 +133,7 @@ impl MapPage<'_> {
     }
 
     fn target_framing(&self) -> Framing {
-        Framing::of(&self.boundary.target())
+        Framing::of(self.boundary.target().vertices())
     }
 
     /// The map, where its sources are few enough to be written.
@@ -185,7 +160,7 @@ impl MapPage<'_> {
         let orientation = target_volume.signum();
         let (fields, field_arrays) = fields::fields(&samples, &target, &scale, orientation, &self.options)?;
 
-        let (framing, target_framing) = (Framing::of(domain), self.target_framing());
+        let (framing, target_framing) = (Framing::of(domain.vertices()), self.target_framing());
         let images: Vec<Vec<f64>> = samples
             .images
             .iter()
@@ -270,9 +245,4 @@ fn notes(step: f64, counts: [usize; 3], exact: bool, (cells, wanted, max_size): 
         "The values under the pointer are interpolated between the samples.".into()
     });
     notes
-}
-
-/// A number of bytes in megabytes.
-fn megabytes(bytes: u64) -> f64 {
-    bytes as f64 / 1e6
 }

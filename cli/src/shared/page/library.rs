@@ -28,7 +28,7 @@ pub const STYLE: &str = include_str!("assets/page.css");
 pub const START: &str = include_str!("assets/start.js");
 
 /// The modules; the last one is started.
-pub const MODULES: [Module; 13] = [
+pub const MODULES: [Module; 15] = [
     Module {
         name: "three/core",
         text: include_str!("three/three.core.min.js"),
@@ -76,6 +76,14 @@ pub const MODULES: [Module; 13] = [
     Module {
         name: "page/map",
         text: include_str!("assets/map.js"),
+    },
+    Module {
+        name: "page/histogram",
+        text: include_str!("assets/histogram.js"),
+    },
+    Module {
+        name: "page/mesh",
+        text: include_str!("assets/mesh.js"),
     },
     Module {
         name: "page/main",

@@ -6,6 +6,8 @@
 //! forbids the browser to load anything.
 
 mod arrays;
+mod field;
+mod framing;
 mod library;
 mod palettes;
 mod table;
@@ -17,6 +19,8 @@ use serde::Serialize;
 use solidmap::files::Provenance;
 
 pub use arrays::PackedArray;
+pub use field::{PageField, Palette};
+pub use framing::Framing;
 pub use table::NumberTable;
 
 use super::output::write_file;
@@ -94,6 +98,11 @@ impl Page {
         ];
         Ok(filled(library::TEMPLATE, &parts))
     }
+}
+
+/// A number of bytes in megabytes.
+pub fn megabytes(bytes: u64) -> f64 {
+    bytes as f64 / 1e6
 }
 
 /// Writes a page, whole or not at all.

@@ -10,6 +10,8 @@ const STEPS: usize = 256;
 pub struct Palettes {
     /// For amounts: viridis.
     amount: Vec<[u8; 3]>,
+    /// For qualities: viridis from its other end.
+    quality: Vec<[u8; 3]>,
     /// For ratios, with 1 in the middle: brown, white, blue-green.
     ratio: Vec<[u8; 3]>,
     /// For what is folded or inverted: in no scale.
@@ -21,10 +23,12 @@ impl Palettes {
     pub fn new() -> Self {
         let colours = |gradient: colorous::Gradient| {
             let steps = (0..STEPS).map(|k| gradient.eval_rational(k, STEPS));
-            steps.map(|colour| colour.as_array()).collect()
+            steps.map(|colour| colour.as_array()).collect::<Vec<_>>()
         };
+        let amount = colours(colorous::VIRIDIS);
         Self {
-            amount: colours(colorous::VIRIDIS),
+            quality: amount.iter().rev().copied().collect(),
+            amount,
             ratio: colours(colorous::BROWN_GREEN),
             wrong: [255, 0, 128],
         }

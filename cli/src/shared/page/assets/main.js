@@ -3,8 +3,9 @@
 import { readArrays } from 'page/data';
 import { about } from 'page/elements';
 import { showMap } from 'page/map';
+import { showMesh } from 'page/mesh';
 
-const KINDS = { map: showMap };
+const KINDS = { map: showMap, mesh: showMesh };
 
 /** Shows the page. */
 export async function start(data, unpack, say) {

@@ -46,7 +46,7 @@ export class Morphed {
       if (!(distance > 0) || (best && distance >= best.distance)) continue;
       const weights = [1 - second - third, second, third];
       const point = weighted(from, [a, b, c], weights);
-      if (accepts(point)) best = { distance, point };
+      if (accepts(point)) best = { distance, point, triangle: t / 3 };
     }
     return best;
   }
