@@ -282,6 +282,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("eval --inverse", "eval both.map at.csv --inverse -o i.csv"),
         ("energy", "energy both.map"),
         ("view", "view both.map -o v.html --samples 8"),
+        ("view", "view inverted.vtu -o w.html"),
         ("certify of a bijective map", "certify both.map"),
         ("transfer", "transfer both.map field.csv --at at.csv -o t.csv"),
         ("eval", "eval cube.map at.csv -o e.csv"),

@@ -1,5 +1,6 @@
 """A program, a browser, and pages to open in it."""
 
+import json
 import os
 import pathlib
 import subprocess
@@ -11,6 +12,7 @@ import shapes
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 PROGRAM = os.environ.get("SOLIDMAP_PROGRAM", str(ROOT / "target/release/solidmap"))
+WRONG = (255, 0, 128)
 # A graphics card is simulated: WebGL by SwiftShader.
 BROWSER = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
@@ -34,6 +36,16 @@ def maps(tmp_path_factory):
         solidmap(folder, "fit", "ball.obj", "--image", f"{name}.obj", "-o", f"{name}.map", "--tolerance", "0.01")
         solidmap(folder, "view", f"{name}.map", "-o", f"{name}.html", "--samples", "32")
     return folder
+
+
+@pytest.fixture(scope="session")
+def block(tmp_path_factory):
+    """The page of a block of 8 × 8 × 8 hexahedra, and what `check` says of it."""
+    folder = tmp_path_factory.mktemp("meshes")
+    shapes.write_block(folder / "block.vtk", 8)
+    solidmap(folder, "view", "block.vtk", "-o", "block.html")
+    report = json.loads(solidmap(folder, "check", "block.vtk", "--json"))
+    return folder / "block.html", report["models"][0]["cell_mesh"]
 
 
 @pytest.fixture(scope="session")
@@ -90,8 +102,36 @@ class Opened:
         )
 
     def hashes(self):
+        """The pictures of all views."""
         self.settle()
-        return [self.pixels(view)["hash"] for view in (0, 1)]
+        return [self.pixels(view)["hash"] for view in range(self.page.locator(".view canvas").count())]
+
+    def wrong_pixels(self, view=0):
+        """How many pixels have the colour of what is folded or inverted; shading makes it darker."""
+        self.settle()
+        count = 0
+        for colour, pixels in self.pixels(view)["named"].items():
+            red, green, blue = (int(colour) >> shift & 255 for shift in (16, 8, 0))
+            share = red / WRONG[0]
+            if share > 0.5 and green < 8 and abs(blue - share * WRONG[2]) < 4:
+                count += pixels
+        return count
+
+    def focusable(self):
+        """How many controls there are, and how many of them the Tab key reaches."""
+        wanted = self.page.locator("canvas[tabindex], select, input, button, summary").count()
+        reached = set()
+        for _ in range(wanted + 2):
+            self.page.keyboard.press("Tab")
+            reached.add(
+                self.page.evaluate(
+                    """() => {
+                        const all = [...document.querySelectorAll('canvas[tabindex], select, input, button, summary')];
+                        return all.indexOf(document.activeElement);
+                    }"""
+                )
+            )
+        return wanted, len(reached - {-1})
 
     def set(self, label, value):
         """Sets a slider or a choice by its label."""

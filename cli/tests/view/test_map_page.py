@@ -7,8 +7,6 @@ import pytest
 
 from conftest import solidmap
 
-WRONG = (255, 0, 128)
-
 
 def numbers(text):
     return [float(number) for number in re.findall(r"-?[\d.]+(?:e[+-]?\d+)?", text)]
@@ -118,19 +116,9 @@ def test_a_point_is_typed_where_there_is_no_pointer(maps, opened):
 
 
 def test_folds_have_a_colour_of_their_own(maps, opened):
-    def wrong(page):
-        # Shading makes it darker, by less than a quarter.
-        count = 0
-        for colour, pixels in page.pixels(0)["named"].items():
-            red, green, blue = (int(colour) >> shift & 255 for shift in (16, 8, 0))
-            share = red / WRONG[0]
-            if share > 0.7 and green < 8 and abs(blue - share * WRONG[2]) < 4:
-                count += pixels
-        return count
-
-    assert wrong(opened(maps / "bent.html")) == 0
+    assert opened(maps / "bent.html").wrong_pixels() == 0
     page = opened(maps / "folded.html")
-    assert wrong(page) > 1000
+    assert page.wrong_pixels() > 1000
     for name, value in zip("xyz", ("-0.9", "0", "0")):
         page.page.get_by_label(f"point {name}", exact=True).fill(value)
     page.page.keyboard.press("Tab")
@@ -139,20 +127,8 @@ def test_folds_have_a_colour_of_their_own(maps, opened):
 
 def test_the_keyboard_reaches_every_control_and_turns_the_solids(maps, opened):
     page = opened(maps / "bent.html")
-    wanted = page.page.locator("canvas[tabindex], select, input, button, summary").count()
-    assert wanted >= 14
-    reached = set()
-    for _ in range(wanted + 2):
-        page.page.keyboard.press("Tab")
-        reached.add(
-            page.page.evaluate(
-                """() => {
-                    const all = [...document.querySelectorAll('canvas[tabindex], select, input, button, summary')];
-                    return all.indexOf(document.activeElement);
-                }"""
-            )
-        )
-    assert reached - {-1} == set(range(wanted))
+    wanted, reached = page.focusable()
+    assert wanted >= 14 and reached == wanted
     page.page.locator(".view canvas").first.focus()
     pictures = [page.hashes()]
     for key in ("ArrowLeft", "ArrowUp", "+", "-", "ArrowDown", "0"):

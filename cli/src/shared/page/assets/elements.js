@@ -25,7 +25,8 @@ function labelled(label, control, extra) {
 /** A slider; `shown` says its value in words. */
 export function slider(label, { min = 0, max = 1, step = 0.005, value, shown }, changed) {
   const input = element('input', { type: 'range', min, max, step, value });
-  const output = element('output');
+  // The slider itself says it to who does not see it.
+  const output = element('span', { class: 'value', 'aria-hidden': 'true' });
   const update = () => {
     output.textContent = shown(Number(input.value));
     input.setAttribute('aria-valuetext', output.textContent);
