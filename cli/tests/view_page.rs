@@ -46,16 +46,16 @@ fn a_page_that_cannot_be_written_is_refused_before_the_work() {
 fn a_mesh_is_shown_whole_or_not_at_all() {
     let place = Workplace::new();
     let cube = Polycube::of(&shapes::cube(1.0, 1)).unwrap();
-    for (kind, cells) in [(CellKind::Hexes, 512), (CellKind::Tets, 3072)] {
+    for kind in [CellKind::Hexes, CellKind::Tets] {
         let mesh = regular_mesh(&cube, 0.125, kind, 10_000).unwrap();
         io::write_cells(place.path("cube.vtu"), mesh.nodes(), io::Cells::from(mesh.cells())).unwrap();
         let report = place.report(0, "view cube.vtu -o page.html --json");
         let found = [&report["kind"], &report["cells"], &report["inverted_cells"]];
-        assert_eq!(found, [&json!("mesh"), &json!(cells), &json!(0)]);
+        assert_eq!(found, [&json!("mesh"), &json!(mesh.cells().len()), &json!(0)]);
     }
     place.fails(
         "view cube.vtu -o small.html --max-size 10kB",
-        &["all 3072 cells", "allow more"],
+        &["the page of all", "allow more"],
     );
     assert!(!place.path("small.html").exists());
 }

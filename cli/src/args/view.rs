@@ -7,13 +7,18 @@ use clap::Args;
 use super::bijective::MapChoice;
 use super::section::UpKind;
 
+/// The default of `--samples`.
+const SAMPLES: u16 = 64;
+/// The default of `--max-size`, in bytes.
+const MAX_SIZE: u64 = 60_000_000;
+
 #[derive(Debug, Args)]
 #[command(
     after_help = "The page holds all that it shows, and is opened from the disk in any browser with WebGL 2; it loads nothing \
                   from a network."
 )]
 pub struct ViewArgs {
-    /// Map file
+    /// Map file; or a mesh of tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu)
     pub file: PathBuf,
     /// Page to write (.html)
     #[arg(short, long, value_name = "PAGE")]
@@ -30,11 +35,27 @@ pub struct ViewArgs {
 /// How much a page holds.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct PageArgs {
-    /// Samples of the map along the longest side of the domain
-    #[arg(long, default_value_t = 64, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=256))]
+    /// Samples of a map in its page along the longest side of the domain
+    #[arg(long, default_value_t = SAMPLES, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=256))]
     pub samples: u16,
-    /// Largest size of the page, such as 20MB: where it would be larger the map is sampled more coarsely, and the page says
-    /// so
+    #[command(flatten)]
+    pub size: PageSizeArgs,
+}
+
+impl Default for PageArgs {
+    fn default() -> Self {
+        Self {
+            samples: SAMPLES,
+            size: PageSizeArgs { max_size: MAX_SIZE },
+        }
+    }
+}
+
+/// How large a page may be.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct PageSizeArgs {
+    /// Largest size of a page, such as 20MB: where it would be larger a map is sampled more coarsely, and the page says so;
+    /// the page of a mesh is not written then
     #[arg(long, default_value = "60MB", value_name = "SIZE", value_parser = super::values::bytes)]
     pub max_size: u64,
 }

@@ -30,12 +30,6 @@ pub fn page(args: &ViewArgs, output: &Output) -> anyhow::Result<(String, Shown)>
         up: args.up,
     };
     let made = page.make(&args.page, output)?;
-    if made.is_coarser {
-        let [nx, ny, nz] = made.samples;
-        output.warn(format!(
-            "the map is sampled more coarsely than asked for, at {nx} × {ny} × {nz} points, to keep to --max-size"
-        ));
-    }
     let shown = Shown::Map {
         samples: made.samples,
         coarser: made.is_coarser,

@@ -17,7 +17,7 @@ pub fn page(args: &ViewArgs, output: &Output) -> anyhow::Result<(String, Shown)>
         );
     };
     output.progress("measuring the cells");
-    let made = mesh_page::make(&args.file, mesh, args.up, &args.page)?;
+    let made = mesh_page::make(&args.file, mesh, args.up, &args.page.size)?;
     let shown = Shown::Mesh {
         cells: made.cells,
         inverted_cells: made.inverted_cells,

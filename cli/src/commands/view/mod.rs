@@ -42,7 +42,7 @@ enum Shown {
 
 /// Writes the page.
 pub fn run(args: &ViewArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
-    input::require_writable(&args.output, &["html", "htm"], &[&args.file])?;
+    input::require_writable(&args.output, &page::EXTENSIONS, &[&args.file])?;
     output.progress("reading");
     let (html, shown) = if io::is_mesh(&args.file) {
         mesh::page(args, output)?

@@ -90,10 +90,16 @@ impl MapPage<'_> {
         let mut cells = wanted;
         loop {
             output.progress(format!("sampling the map at {cells} points along the domain"));
-            let (html, samples) = self.with_samples(&common, cells, wanted, args.max_size)?;
+            let (html, samples) = self.with_samples(&common, cells, wanted, args.size.max_size)?;
             let size = html.len() as u64;
-            if size <= args.max_size {
+            if size <= args.size.max_size {
                 let is_coarser = cells < wanted;
+                if is_coarser {
+                    let [nx, ny, nz] = samples;
+                    output.warn(format!(
+                        "the map is sampled more coarsely than asked for, at {nx} × {ny} × {nz} points, to keep to --max-size"
+                    ));
+                }
                 return Ok(MadePage {
                     html,
                     samples,
@@ -105,11 +111,11 @@ impl MapPage<'_> {
                 "the page takes {:.1} MB even with {FEWEST_SAMPLES} samples along the domain, but --max-size is {:.1} MB; \
                  allow more",
                 megabytes(size),
-                megabytes(args.max_size)
+                megabytes(args.size.max_size)
             );
             // The samples take a size with the cube of their number, and the rest is constant: a little fewer than that
             // says, so that the next page is small enough.
-            let share = (args.max_size as f64 / size as f64).cbrt();
+            let share = (args.size.max_size as f64 / size as f64).cbrt();
             cells = ((0.97 * share * cells as f64) as usize).clamp(FEWEST_SAMPLES, cells - 1);
         }
     }

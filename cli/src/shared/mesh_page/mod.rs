@@ -16,7 +16,7 @@ use solidmap::statistics::quantiles;
 
 use super::input;
 use super::page::{Framing, NumberTable, PackedArray, Page, PageField, Palette, megabytes};
-use crate::args::{PageArgs, UpKind};
+use crate::args::{PageSizeArgs, UpKind};
 use crate::drawing::significant;
 use neighbours::{boundary_triangles, neighbours};
 
@@ -44,8 +44,13 @@ struct MeshContent {
     up: (usize, bool),
 }
 
+/// Writes the page of a mesh that has just been written.
+pub fn write_of_file(page: &Path, path: &Path, up: UpKind, args: &PageSizeArgs) -> anyhow::Result<()> {
+    super::page::write(page, &make(path, io::read_cells(path)?, up, args)?.html)
+}
+
 /// The page of the mesh in a file.
-pub fn make(path: &Path, mesh: CellMesh, up: UpKind, args: &PageArgs) -> anyhow::Result<MadeMeshPage> {
+pub fn make(path: &Path, mesh: CellMesh, up: UpKind, args: &PageSizeArgs) -> anyhow::Result<MadeMeshPage> {
     ensure!(!mesh.cells().is_empty(), "`{}` has no cells to look at", path.display());
     let mut notes = vec![];
     let mesh = if mesh.volume() < 0.0 {

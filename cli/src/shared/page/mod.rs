@@ -26,6 +26,9 @@ pub use table::NumberTable;
 use super::output::write_file;
 use palettes::Palettes;
 
+/// Extensions of pages.
+pub const EXTENSIONS: [&str; 2] = ["html", "htm"];
+
 /// A page without the arrays: what scripts read as JSON.
 #[derive(Serialize)]
 struct PageData<'p, T> {
