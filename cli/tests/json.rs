@@ -286,6 +286,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("energy", "energy both.map --html e.html --samples 8"),
         ("view", "view both.map -o v.html --samples 8"),
         ("view", "view inverted.vtu -o w.html"),
+        ("view", "view p.safetensors -o b.html"),
         ("certify of a bijective map", "certify both.map"),
         ("transfer", "transfer both.map field.csv --at at.csv -o t.csv"),
         ("eval", "eval cube.map at.csv -o e.csv"),

@@ -91,7 +91,7 @@ pub enum Command {
     Energy(EnergyArgs),
     /// Prove where a map is locally one to one, and where it folds
     Certify(CertifyArgs),
-    /// Write a page to look into a map or a mesh: turn it, cut it, colour it
+    /// Write a page to look into a map, a mesh or a boundary map: turn it, cut it, colour it
     View(ViewArgs),
     /// Add to a map file the one-to-one map that is linear over tetrahedra
     Bijective(BijectiveArgs),

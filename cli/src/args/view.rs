@@ -18,7 +18,7 @@ const MAX_SIZE: u64 = 60_000_000;
                   from a network."
 )]
 pub struct ViewArgs {
-    /// Map file; or a mesh of tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu)
+    /// Map file, boundary file, or mesh of tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu)
     pub file: PathBuf,
     /// Page to write (.html)
     #[arg(short, long, value_name = "PAGE")]

@@ -2,6 +2,7 @@
 
 pub mod bijective;
 pub mod boundary_map;
+pub mod boundary_page;
 pub mod carried_mesh_file;
 pub mod carried_mesh_picture;
 pub mod carried_mesh_report;

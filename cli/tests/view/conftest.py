@@ -39,6 +39,16 @@ def maps(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def boundary(maps):
+    """The page of a boundary map onto the sphere, of an ellipsoid."""
+    vertices, triangles = shapes.ball(4)
+    shapes.write_obj(maps / "ellipsoid.obj", [(2 * x, y, 0.7 * z) for x, y, z in vertices], triangles)
+    solidmap(maps, "boundary", "sphere", "ellipsoid.obj", "-o", "sphere.obj", "--boundary", "way.safetensors")
+    solidmap(maps, "view", "way.safetensors", "-o", "way.html")
+    return maps / "way.html"
+
+
+@pytest.fixture(scope="session")
 def block(tmp_path_factory):
     """The page of a block of 8 × 8 × 8 hexahedra, and what `check` says of it."""
     folder = tmp_path_factory.mktemp("meshes")

@@ -152,6 +152,27 @@ def test_the_cameras_are_one(maps, opened):
     assert before[0] != after[0] and before[1] != after[1]
 
 
+def test_the_cut_is_dragged_with_shift(maps, opened):
+    page = opened(maps / "bent.html")
+    # Along z, which points up on the screen.
+    page.set("axis", "2")
+    before = page.hashes()
+    box = page.page.locator(".view canvas").first.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    camera = "solidmapPage.stage.camera.position.toArray()"
+    where = page.page.evaluate(camera)
+    page.page.keyboard.down("Shift")
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x, y + 40, steps=4)
+    page.page.mouse.up()
+    page.page.keyboard.up("Shift")
+    after = page.hashes()
+    assert before[0] != after[0] and before[1] != after[1]
+    assert float(page.page.get_by_label("position", exact=True).input_value()) < 0.45
+    assert page.page.evaluate(camera) == where
+
+
 def test_hostile_names_do_no_harm(maps, opened, tmp_path):
     # The folder and the name together hold the end of a script element.
     folder = tmp_path / "<"

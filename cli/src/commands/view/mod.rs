@@ -1,9 +1,11 @@
-//! `solidmap view`: a page to look into a map or a mesh.
+//! `solidmap view`: a page to look into a map, a mesh or a boundary map.
 
+mod boundary;
 mod map;
 mod mesh;
 
 use serde::Serialize;
+use solidmap::files;
 use solidmap::io;
 
 use crate::CommandOutcome;
@@ -38,6 +40,10 @@ enum Shown {
         cells: usize,
         inverted_cells: usize,
     },
+    Boundary {
+        faces: usize,
+        flipped: usize,
+    },
 }
 
 /// Writes the page.
@@ -47,7 +53,11 @@ pub fn run(args: &ViewArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let (html, shown) = if io::is_mesh(&args.file) {
         mesh::page(args, output)?
     } else {
-        map::page(args, output)?
+        // What is neither is told as what most users mean.
+        match files::read_boundary(&args.file) {
+            Ok(file) => boundary::page(args, &file, output)?,
+            Err(_) => map::page(args, output)?,
+        }
     };
     output.progress("writing");
     page::write(&args.output, &html)?;
@@ -67,6 +77,7 @@ fn rows(report: &ViewSummary) -> Vec<[String; 2]> {
             samples: [nx, ny, nz], ..
         } => ["samples", &format!("{nx} × {ny} × {nz}")],
         Shown::Mesh { cells, inverted_cells } => ["cells", &format!("{cells}, of which {inverted_cells} inverted")],
+        Shown::Boundary { faces, flipped } => ["triangles", &format!("{faces}, of which {flipped} inverted")],
     };
     let size = page::megabytes(report.bytes as u64);
     vec![

@@ -28,7 +28,7 @@ pub const STYLE: &str = include_str!("assets/page.css");
 pub const START: &str = include_str!("assets/start.js");
 
 /// The modules; the last one is started.
-pub const MODULES: [Module; 15] = [
+pub const MODULES: [Module; 16] = [
     Module {
         name: "three/core",
         text: include_str!("three/three.core.min.js"),
@@ -84,6 +84,10 @@ pub const MODULES: [Module; 15] = [
     Module {
         name: "page/mesh",
         text: include_str!("assets/mesh.js"),
+    },
+    Module {
+        name: "page/boundary",
+        text: include_str!("assets/boundary.js"),
     },
     Module {
         name: "page/main",

@@ -30,12 +30,13 @@ export function valueAt(field, place) {
   return logarithmic ? low * (high / low) ** place : low + place * (high - low);
 }
 
-/** The legend of a scale, which `show(field)` fills. */
+/** The legend of a scale, which `show(field)` fills; and, where there is such, of the colour of what is wrong. */
 export function legend(palettes, wrongMeaning) {
   const canvas = element('canvas', { width: 256, height: 1, 'aria-hidden': 'true' });
   const ends = element('div', { class: 'ends' });
   const meaning = element('p');
-  const wrong = element('span', { class: 'swatch', style: `background: rgb(${palettes.wrong.join(' ')})` });
+  const swatch = element('span', { class: 'swatch', style: `background: rgb(${palettes.wrong.join(' ')})` });
+  const wrong = wrongMeaning && element('p', {}, swatch, ` ${wrongMeaning}`);
   const show = (field) => {
     const colours = palettes[field.palette];
     const context = canvas.getContext('2d');
@@ -49,5 +50,5 @@ export function legend(palettes, wrongMeaning) {
     const scale = field.logarithmic ? ' Logarithmic.' : '';
     meaning.textContent = `${field.meaning}${unit}.${scale}${clamps}`;
   };
-  return { element: element('div', { class: 'legend' }, canvas, ends, meaning, element('p', {}, wrong, ` ${wrongMeaning}`)), show };
+  return { element: element('div', { class: 'legend' }, canvas, ends, meaning, ...(wrong ? [wrong] : [])), show };
 }

@@ -39,6 +39,11 @@ export function slider(label, { min = 0, max = 1, step = 0.005, value, shown }, 
   return { element: labelled(label, input, output), input, update };
 }
 
+/** A remark beneath a control. */
+export function remark(text) {
+  return element('p', { class: 'legend' }, text);
+}
+
 /** A choice among `[value, text]`. */
 export function choice(label, options, value, changed) {
   const select = element('select', {}, ...options.map(([key, text]) => element('option', { value: key }, text)));

@@ -2,10 +2,11 @@
 
 import { readArrays } from 'page/data';
 import { about } from 'page/elements';
+import { showBoundary } from 'page/boundary';
 import { showMap } from 'page/map';
 import { showMesh } from 'page/mesh';
 
-const KINDS = { map: showMap, mesh: showMesh };
+const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh };
 
 /** Shows the page. */
 export async function start(data, unpack, say) {

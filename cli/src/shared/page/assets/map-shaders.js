@@ -19,6 +19,19 @@ float facing() {
   return abs(dot(normalize(cross(dFdx(seen), dFdy(seen))), normalize(seen)));
 }`;
 
+/** The pattern on a domain: cubes of its box, told apart by shade, and coloured by place where asked for. */
+export const CHECKER_CODE = `
+uniform vec3 low;
+uniform vec3 extent;
+vec3 checkerColour(vec3 domain, bool coloured) {
+  // The box is offset in the pattern, so that its faces lie inside cubes, not between them.
+  vec3 cube = floor((domain - low) / max(max(extent.x, extent.y), extent.z) * 14.0 + 0.382);
+  bool odd = mod(cube.x + cube.y + cube.z, 2.0) >= 1.0;
+  vec3 share = clamp((domain - low) / max(extent, vec3(1e-9)), 0.0, 1.0);
+  if (coloured) return (0.24 + 0.76 * share) * (odd ? 0.64 : 1.0);
+  return odd ? vec3(0.60, 0.63, 0.67) : vec3(0.86, 0.87, 0.89);
+}`;
+
 export const SURFACE_SHADER = {
   vertexShader: VERTEX,
   fragmentShader: `
@@ -26,18 +39,11 @@ varying vec3 domain;
 uniform vec3 clipAxis;
 uniform float clipAt;
 uniform int pattern;
-uniform vec3 low;
-uniform vec3 extent;
+${CHECKER_CODE}
 ${LIGHT}
 void main() {
   if (dot(domain, clipAxis) > clipAt) discard;
-  vec3 share = (domain - low) / max(extent, vec3(1e-9));
-  // The box is offset in the pattern, so that its faces lie inside cubes, not between them.
-  vec3 cube = floor((domain - low) / max(max(extent.x, extent.y), extent.z) * 14.0 + 0.382);
-  bool odd = mod(cube.x + cube.y + cube.z, 2.0) >= 1.0;
-  vec3 colour = vec3(0.78, 0.80, 0.82);
-  if (pattern == 1) colour = odd ? vec3(0.60, 0.63, 0.67) : vec3(0.86, 0.87, 0.89);
-  if (pattern == 2) colour = (0.24 + 0.76 * clamp(share, 0.0, 1.0)) * (odd ? 0.64 : 1.0);
+  vec3 colour = pattern == 0 ? vec3(0.78, 0.80, 0.82) : checkerColour(domain, pattern == 2);
   float light = gl_FrontFacing ? 0.35 + 0.65 * facing() : 0.30 + 0.25 * facing();
   gl_FragColor = vec4(colour * light, 1.0);
 }`,

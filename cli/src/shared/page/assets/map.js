@@ -6,7 +6,7 @@ import {
 } from 'three';
 import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
 import { Cut, Lattice } from 'page/cut';
-import { button, choice, element, group, list, significant, slider, tick, triple } from 'page/elements';
+import { button, choice, element, group, list, remark, significant, slider, tick, triple } from 'page/elements';
 import { deformationDensity, determinant, evaluate, harmonicDensity, stretches } from 'page/harmonic';
 import { Morphed, isInside } from 'page/pick';
 import { CUT_SHADER, LINE_SHADER, SURFACE_SHADER } from 'page/map-shaders';
@@ -105,6 +105,12 @@ class MapPage {
       changed({ position: value }, { cut: true });
       position.update();
     });
+    this.stage.onShiftDrag(() => [0, 1, 2].map((k) => Number(k === this.state.axis)), (distance) => {
+      const { axis } = this.state;
+      const share = (distance * this.data.domain.radius) / (this.box[1][axis] - this.box[0][axis]);
+      position.input.value = this.state.position + share;
+      position.input.dispatchEvent(new Event('input'));
+    });
     const morph = slider('move', {
       value: 1,
       step: 0.01,
@@ -118,13 +124,13 @@ class MapPage {
     this.legend.show(this.fields.get(state.field));
     return element('div', { class: 'controls' },
       group('Colour', fields.element, this.legend.element),
-      group('Cut', axes.element, position.element,
+      group('Cut', axes.element, position.element, remark('Or drag the cut with Shift held.'),
         tick('cut', true, (cutting) => changed({ cutting })).element,
         tick('other half', false, () => changed({ side: -state.side })).element,
         tick('lattice lines on the cut', false, (lines) => changed({ lines })).element),
       group('Boundary', choice('pattern', CHECKERS, state.boundary, (boundary) => changed({ boundary })).element),
       group('Target', morph.element,
-        element('p', { class: 'legend' }, 'Points move to their images along straight lines, with both solids scaled to one size.')),
+        remark('Points move to their images along straight lines, with both solids scaled to one size.')),
       group('A point of the domain', triple('point', AXES, (point) => this.#probe(point))),
       element('div', { class: 'row' },
         button('Save picture', () => this.stage.save('solidmap.png')),

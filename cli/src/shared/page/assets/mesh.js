@@ -2,7 +2,7 @@
 
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, ShaderMaterial, Vector3 } from 'three';
 import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
-import { button, choice, element, group, list, significant, slider, tick } from 'page/elements';
+import { button, choice, element, group, list, remark, significant, slider, tick } from 'page/elements';
 import { histogram } from 'page/histogram';
 import { Morphed } from 'page/pick';
 import { Stage } from 'page/stage';
@@ -153,11 +153,17 @@ class MeshPage {
       changed({ position: value });
       position.update();
     });
+    this.stage.onShiftDrag(() => [0, 1, 2].map((k) => Number(k === this.state.axis)), (distance) => {
+      const { axis } = this.state;
+      const share = distance / (this.box[1][axis] - this.box[0][axis]);
+      position.input.value = this.state.position + share;
+      position.input.dispatchEvent(new Event('input'));
+    });
     return element('div', { class: 'controls' },
       group('Colour', fields.element, this.legend.element),
       group('Scaled Jacobian', ...bars.elements),
       group('Depth', depth.element),
-      group('Plane', tick('cut', false, (cutting) => changed({ cutting })).element, axes.element, position.element,
+      group('Plane', tick('cut', false, (cutting) => changed({ cutting })).element, axes.element, position.element, remark('Or drag the cut with Shift held.'),
         tick('other half', false, () => changed({ side: -state.side })).element),
       group('Show', tick('edges', true, (edges) => changed({ edges })).element,
         tick('boundary as a shadow', false, (ghost) => changed({ ghost })).element, this.status),

@@ -46,9 +46,15 @@ export class Morphed {
       if (!(distance > 0) || (best && distance >= best.distance)) continue;
       const weights = [1 - second - third, second, third];
       const point = weighted(from, [a, b, c], weights);
-      if (accepts(point)) best = { distance, point, triangle: t / 3 };
+      if (accepts(point)) best = { distance, point, triangle: t / 3, weights };
     }
     return best;
+  }
+
+  /** The point of a hit among other places of the same vertices. */
+  weighted(points, { triangle, weights }) {
+    const corners = [0, 1, 2].map((k) => 3 * this.indices[3 * triangle + k]);
+    return weighted(points, corners, weights);
   }
 }
 

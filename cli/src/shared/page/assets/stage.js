@@ -163,6 +163,31 @@ export class Stage {
     });
   }
 
+  /** Calls with how far the pointer is dragged along a direction of the solids, while Shift is held. */
+  onShiftDrag(direction, heard) {
+    this.views.forEach(({ canvas }, number) => {
+      let last;
+      canvas.addEventListener('pointerdown', (event) => {
+        if (!event.shiftKey || event.button !== 0) return;
+        // Otherwise the camera would move too.
+        event.stopPropagation();
+        canvas.setPointerCapture(event.pointerId);
+        last = [event.clientX, event.clientY];
+      });
+      canvas.addEventListener('pointermove', (event) => {
+        if (!last) return;
+        const along = direction();
+        const [from, to] = [[0, 0, 0], along].map((point) => this.project(number, point));
+        const [x, y] = [to[0] - from[0], to[1] - from[1]];
+        const moved = [event.clientX - last[0], event.clientY - last[1]];
+        last = [event.clientX, event.clientY];
+        // Seen from its end a direction has hardly a length on the screen, and no drag is along it.
+        if (Math.hypot(x, y) > 5) heard((moved[0] * x + moved[1] * y) / (x * x + y * y));
+      });
+      for (const end of ['pointerup', 'pointercancel']) canvas.addEventListener(end, () => { last = undefined; });
+    });
+  }
+
   /** Where a point of a view is in its element, in pixels of the page. */
   project(number, point) {
     const box = this.views[number].canvas.getBoundingClientRect();
