@@ -222,7 +222,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("check", "check ball.ply open.ply none.ply cube.ply inverted.vtu"),
         (
             "boundary pair",
-            "boundary pair ball.ply bent.ply -o p.ply --boundary p.safetensors --png p.png --vtu p.vtu",
+            "boundary pair ball.ply bent.ply -o p.ply --boundary p.safetensors --png p.png --vtu p.vtu --html p.html",
         ),
         (
             "boundary pair",
@@ -243,7 +243,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("boundary check", "boundary check cube.ply round.ply"),
         (
             "boundary sphere",
-            "boundary sphere cube.ply -o s.ply --boundary s.safetensors --png s.png --vtu s.vtu",
+            "boundary sphere cube.ply -o s.ply --boundary s.safetensors --png s.png --vtu s.vtu --html s.html",
         ),
         ("fit", "fit ball.ply --image bent.ply -o x.map --tolerance 0.01"),
         (

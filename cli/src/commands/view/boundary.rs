@@ -10,7 +10,7 @@ use crate::shared::output::Output;
 /// The text of the page.
 pub fn page(args: &ViewArgs, file: &BoundaryFile, output: &Output) -> anyhow::Result<(String, Shown)> {
     output.progress("checking");
-    let made = boundary_page::make(&args.file, file, args.up, &args.page.size)?;
+    let made = boundary_page::of_file(&args.file, file, args.up, &args.page.size)?;
     let shown = Shown::Boundary {
         faces: made.faces,
         flipped: made.flipped,

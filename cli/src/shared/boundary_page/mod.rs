@@ -6,7 +6,7 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
 use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
-use solidmap::files::BoundaryFile;
+use solidmap::files::{BoundaryFile, Provenance};
 use solidmap::fit::self_intersection_finder;
 use solidmap::geometry::Axis;
 use solidmap::statistics::quantiles;
@@ -36,61 +36,94 @@ struct BoundaryContent {
     up: (usize, bool),
 }
 
+/// A boundary map to make a page of.
+pub struct BoundaryPage<'a> {
+    /// The file that the page is named after.
+    pub path: &'a Path,
+    /// The boundary map.
+    pub boundary: &'a BoundaryMap,
+    /// What was found in it.
+    pub check: &'a BoundaryCheck,
+    /// The files that it comes from.
+    pub files: Vec<Provenance>,
+    /// What points up.
+    pub up: UpKind,
+}
+
 /// The page of a boundary file.
-pub fn make(path: &Path, file: &BoundaryFile, up: UpKind, args: &PageSizeArgs) -> anyhow::Result<MadeBoundaryPage> {
-    let boundary = &file.boundary;
-    let (domain, image) = (boundary.domain(), boundary.image());
+pub fn of_file(path: &Path, file: &BoundaryFile, up: UpKind, args: &PageSizeArgs) -> anyhow::Result<MadeBoundaryPage> {
     let options = BoundaryCheckOptions::default();
-    let cannot_check = || format!("cannot check `{}`", path.display());
-    let found = check(boundary, None, &options, self_intersection_finder()).with_context(cannot_check)?;
-    let (fields, arrays) = distortions(boundary).with_context(cannot_check)?;
-    let (framing, target_framing) = (Framing::of(domain.vertices()), Framing::of(image));
-    let mut arrays = arrays;
-    arrays.push(PackedArray::floats("domain", framing.place(domain.vertices())));
-    arrays.push(PackedArray::floats("image", target_framing.place(image)));
-    arrays.push(PackedArray::indices(
-        "triangles",
-        domain.triangles().iter().flatten().copied(),
-    ));
-    let mut notes: Vec<String> = found.findings.iter().map(|finding| finding.message.clone()).collect();
-    if !boundary.is_linear() {
-        notes.push(
+    let found = check(&file.boundary, None, &options, self_intersection_finder());
+    let mut files = vec![input::provenance("boundary", path)?];
+    files.extend(file.metadata.inputs.iter().cloned());
+    let page = BoundaryPage {
+        path,
+        boundary: &file.boundary,
+        check: &found.with_context(|| format!("cannot check `{}`", path.display()))?,
+        files,
+        up,
+    };
+    page.make(args)
+}
+
+impl BoundaryPage<'_> {
+    /// The page, with all triangles.
+    pub fn make(self, args: &PageSizeArgs) -> anyhow::Result<MadeBoundaryPage> {
+        let Self {
+            path,
+            boundary,
+            check: found,
+            files,
+            up,
+        } = self;
+        let (domain, image) = (boundary.domain(), boundary.image());
+        let (fields, arrays) = distortions(boundary)?;
+        let (framing, target_framing) = (Framing::of(domain.vertices()), Framing::of(image));
+        let mut arrays = arrays;
+        arrays.push(PackedArray::floats("domain", framing.place(domain.vertices())));
+        arrays.push(PackedArray::floats("image", target_framing.place(image)));
+        arrays.push(PackedArray::indices(
+            "triangles",
+            domain.triangles().iter().flatten().copied(),
+        ));
+        let mut notes: Vec<String> = found.findings.iter().map(|finding| finding.message.clone()).collect();
+        if !boundary.is_linear() {
+            notes.push(
             "The map is composed of embeddings of both surfaces: the page shows the images of the domain's vertices, and is \
              linear between them."
                 .into(),
         );
+        }
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let page = Page {
+            title: format!("{name}: boundary map of {} triangles", domain.triangles().len()),
+            files,
+            notes,
+            tables: vec![numbers(found)],
+            arrays,
+        };
+        let content = BoundaryContent {
+            kind: "boundary",
+            domain: framing,
+            target: target_framing,
+            fields,
+            up: (Axis::from(up).index(), up.is_upside_down()),
+        };
+        let html = page.html(&content)?;
+        let size = html.len() as u64;
+        ensure!(
+            size <= args.max_size,
+            "the page of all {} triangles takes {:.1} MB, but --max-size is {:.1} MB; allow more",
+            found.faces,
+            megabytes(size),
+            megabytes(args.max_size)
+        );
+        Ok(MadeBoundaryPage {
+            html,
+            faces: found.faces,
+            flipped: found.flipped,
+        })
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let mut files = vec![input::provenance("boundary", path)?];
-    files.extend(file.metadata.inputs.iter().cloned());
-    let page = Page {
-        title: format!("{name}: boundary map of {} triangles", domain.triangles().len()),
-        files,
-        notes,
-        tables: vec![numbers(&found)],
-        arrays,
-    };
-    let content = BoundaryContent {
-        kind: "boundary",
-        domain: framing,
-        target: target_framing,
-        fields,
-        up: (Axis::from(up).index(), up.is_upside_down()),
-    };
-    let html = page.html(&content)?;
-    let size = html.len() as u64;
-    ensure!(
-        size <= args.max_size,
-        "the page of all {} triangles takes {:.1} MB, but --max-size is {:.1} MB; allow more",
-        found.faces,
-        megabytes(size),
-        megabytes(args.max_size)
-    );
-    Ok(MadeBoundaryPage {
-        html,
-        faces: found.faces,
-        flipped: found.flipped,
-    })
 }
 
 /// How far each triangle is from being mapped by a similarity, with arrays of the values.
