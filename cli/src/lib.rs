@@ -16,7 +16,7 @@ pub use shared::exhausted_memory::NotingAllocator;
 pub use shared::picture_file::{PictureError, read_picture};
 
 use args::{Cli, Command};
-use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remesh, sequence, texture, transfer};
+use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remesh, sequence, texture, transfer, view};
 use shared::json::{self, FailureKind};
 use shared::output::{Output, describe, to_stderr, to_stdout};
 use shared::{exhausted_memory, interrupt};
@@ -136,6 +136,7 @@ fn execute(cli: &Cli, output: &Output) -> anyhow::Result<CommandOutcome> {
         Command::Texture(args) => texture::run(args, output),
         Command::Sequence(args) => sequence::run(args, output),
         Command::Certify(args) => certify::run(args, output),
+        Command::View(args) => view::run(args, output),
         Command::Compare(args) => compare::run(args, cli.threads, output),
         Command::CompareWorker(args) => compare::worker::run(args),
         Command::NativeWorker => anyhow::bail!("this solidmap was built without CGAL and TetGen"),

@@ -222,7 +222,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("check", "check ball.ply open.ply none.ply cube.ply inverted.vtu"),
         (
             "boundary pair",
-            "boundary pair ball.ply bent.ply -o p.ply --boundary p.safetensors --png p.png --vtu p.vtu",
+            "boundary pair ball.ply bent.ply -o p.ply --boundary p.safetensors --png p.png --vtu p.vtu --html p.html",
         ),
         (
             "boundary pair",
@@ -243,7 +243,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("boundary check", "boundary check cube.ply round.ply"),
         (
             "boundary sphere",
-            "boundary sphere cube.ply -o s.ply --boundary s.safetensors --png s.png --vtu s.vtu",
+            "boundary sphere cube.ply -o s.ply --boundary s.safetensors --png s.png --vtu s.vtu --html s.html",
         ),
         ("fit", "fit ball.ply --image bent.ply -o x.map --tolerance 0.01"),
         (
@@ -274,14 +274,20 @@ fn every_field_of_a_report_is_documented_and_written() {
             "polycube",
             "polycube block.mesh -o px.obj --image py.obj --labels stairs.txt --best-attempt pb.vtu",
         ),
-        ("hexmesh", "hexmesh ball.vtu -o hm.vtu --cells 6 --keep hk --png hm.png"),
+        (
+            "hexmesh",
+            "hexmesh ball.vtu -o hm.vtu --cells 6 --keep hk --png hm.png --html hm.html",
+        ),
         ("hexmesh", "hexmesh ball.vtu -o hv.vtu --cells 6 --polycube voxels"),
         ("hexmesh", "hexmesh ball.vtu -o hs.vtu --cells 6 --max-vertices 300"),
         ("bijective", "bijective ball.map --mesh ball.vtu -o other.map"),
         ("bijective", "bijective folded.map --mesh ball.vtu"),
         ("eval", "eval both.map at.csv -o e.csv"),
         ("eval --inverse", "eval both.map at.csv --inverse -o i.csv"),
-        ("energy", "energy both.map"),
+        ("energy", "energy both.map --html e.html --samples 8"),
+        ("view", "view both.map -o v.html --samples 8"),
+        ("view", "view inverted.vtu -o w.html"),
+        ("view", "view p.safetensors -o b.html"),
         ("certify of a bijective map", "certify both.map"),
         ("transfer", "transfer both.map field.csv --at at.csv -o t.csv"),
         ("eval", "eval cube.map at.csv -o e.csv"),
@@ -292,7 +298,10 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("certify", "certify folded.map --finest 16"),
         ("transfer", "transfer cube.map field.csv -o t.csv"),
         ("transfer", "transfer cube.map field.csv --at at.csv -o t.csv"),
-        ("remesh", "remesh folded.map --mesh ball.vtu -o r.vtu --png r.png"),
+        (
+            "remesh",
+            "remesh folded.map --mesh ball.vtu -o r.vtu --png r.png --html r.html",
+        ),
         ("remesh", "remesh cube.map --cells 64 -o r.vtu --domain-mesh rd.vtu"),
         (
             "texture",

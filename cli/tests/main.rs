@@ -26,4 +26,5 @@ mod sequence;
 mod small_files;
 mod texture;
 mod transfer;
+mod view_page;
 mod workplace;

@@ -846,6 +846,7 @@ fn demo_writes_maps_and_pictures() {
         for file in [
             "map.safetensors",
             "map.png",
+            "map.html",
             "sections.png",
             "energy.vtu",
             "domain.obj",

@@ -8,6 +8,7 @@ use solidmap::boundary_map::pair::PairOptions;
 use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
 use super::values::{positive, share};
+use super::view::PageSizeArgs;
 
 #[derive(Debug, Subcommand)]
 pub enum BoundaryCommand {
@@ -189,7 +190,12 @@ pub struct BoundaryOutputs {
     /// Write the surface with images and distortion, for ParaView (.vtu, .vtk)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
-    /// Axis that points up in the picture
+    /// Write a page to look into the boundary map, as `view` does (.html)
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageSizeArgs,
+    /// Axis that points up in the picture and the page
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
 }
@@ -211,7 +217,12 @@ pub struct BoundaryCheckArgs {
     /// Write a picture: domain and image painted with one pattern, and coloured by distortion
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Axis that points up in the picture
+    /// Write a page to look into the boundary map, as `view` does (.html)
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageSizeArgs,
+    /// Axis that points up in the picture and the page
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
     #[command(flatten)]

@@ -10,6 +10,7 @@ use super::places::PlacesArgs;
 use super::polycube::{OrientArgs, SmoothnessArgs};
 use super::remesh::{CellShape, RepairArgs};
 use super::section::UpKind;
+use super::view::PageSizeArgs;
 
 #[derive(Debug, Args)]
 #[command(
@@ -65,7 +66,12 @@ pub struct HexmeshArgs {
     /// Write a picture: the mesh cut open, in the polycube, as mapped and repaired, and the distribution of det J
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Axis that points up in the picture
+    /// Write a page to look into the mesh, as `view` does (.html)
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageSizeArgs,
+    /// Axis that points up in the picture and the page
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
     #[command(flatten)]

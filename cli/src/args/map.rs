@@ -8,6 +8,7 @@ use solidmap::energy::{AdaptiveOptions, GridResolution, Lame};
 use super::bijective::MapChoice;
 use super::places::PlacesArgs;
 use super::section::SectionArgs;
+use super::view::PageArgs;
 
 #[derive(Debug, Args)]
 pub struct EvalArgs {
@@ -116,6 +117,11 @@ pub struct EnergyArgs {
     /// map
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
+    /// Write a page to look into the map, as `view` does (.html)
+    #[arg(long, value_name = "PAGE", conflicts_with = "no_normalize")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageArgs,
     #[command(flatten)]
     pub section: SectionArgs,
     #[command(flatten)]

@@ -15,6 +15,7 @@ mod sequence;
 mod texture;
 mod transfer;
 mod values;
+mod view;
 
 use std::path::PathBuf;
 
@@ -36,6 +37,7 @@ pub use section::{SectionArgs, UpKind};
 pub use sequence::SequenceArgs;
 pub use texture::{TextureArgs, TextureOutputArgs, WrapKind};
 pub use transfer::TransferArgs;
+pub use view::{PageArgs, PageSizeArgs, ViewArgs};
 
 use values::seconds;
 
@@ -89,6 +91,8 @@ pub enum Command {
     Energy(EnergyArgs),
     /// Prove where a map is locally one to one, and where it folds
     Certify(CertifyArgs),
+    /// Write a page to look into a map, a mesh or a boundary map: turn it, cut it, colour it
+    View(ViewArgs),
     /// Add to a map file the one-to-one map that is linear over tetrahedra
     Bijective(BijectiveArgs),
     /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field

@@ -8,6 +8,7 @@ use solidmap::remesh::{CellKind, DEFAULT_EFFORT};
 use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
 use super::values::{bytes, effort, off_or_count};
+use super::view::PageSizeArgs;
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
@@ -48,7 +49,12 @@ pub struct RemeshArgs {
     /// Write a picture: the mesh cut open, as mapped and repaired, and the distribution of det J
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Axis that points up in the picture
+    /// Write a page to look into the mesh that is written, as `view` does (.html)
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageSizeArgs,
+    /// Axis that points up in the picture and the page
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `solidmap demo`: maps, energies, carried meshes and pictures of built-in models.
+//! `solidmap demo`: maps, energies, carried meshes, pictures and pages of built-in models.
 
 use std::path::Path;
 use std::time::Instant;
@@ -16,14 +16,16 @@ use solidmap::mesh::{SurfaceMesh, TetMesh};
 use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSource, remesh};
 
 use crate::CommandOutcome;
-use crate::args::{DemoArgs, UpKind};
+use crate::args::{DemoArgs, PageArgs, UpKind};
 use crate::drawing::{Align, Camera, Edges, Figure, Panel, Shading, SurfaceStyle, Table};
+use crate::shared::chosen_map::ChosenMap;
 use crate::shared::fitting::fit_with_progress;
 use crate::shared::json::FileName;
 use crate::shared::made_folder::MadeFolder;
+use crate::shared::map_page::MapPage;
 use crate::shared::output::{Output, mebibytes, peak_rss_bytes, write_file};
 use crate::shared::pictures::{Pictured, plane_across};
-use crate::shared::{carried_mesh_file, carried_mesh_picture, remeshing};
+use crate::shared::{carried_mesh_file, carried_mesh_picture, mesh_page, page, remeshing};
 
 /// Hexahedra along the longest side of a polycube.
 const HEXES: usize = 32;
@@ -195,7 +197,18 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         bijective: None,
         metadata,
     };
-    files::write_map(&folder.join("map.safetensors"), &file)?;
+    let path = folder.join("map.safetensors");
+    files::write_map(&path, &file)?;
+    let page = MapPage {
+        path: &path,
+        chosen: ChosenMap::Harmonic(&file.map),
+        boundary: &pair.boundary,
+        metadata: &file.metadata,
+        energy: &energy,
+        options,
+        up: pair.up,
+    };
+    page::write(&folder.join("map.html"), &page.make(&PageArgs::default(), output)?.html)?;
     output.finish();
     Ok(DemoPairSummary {
         name: pair.name,
@@ -217,7 +230,14 @@ fn hexahedra(pair: &DemoPair, map: &HarmonicMap, folder: &Path, output: &Output)
     let progress = |phase| remeshing::show_phase(phase, "", output);
     let meshed = remesh(&pair.boundary, map, source, &RemeshOptions::default(), &progress)?;
     let origin = concat!("solidmap ", env!("CARGO_PKG_VERSION"), ": mesh of `solidmap demo`");
-    carried_mesh_file::write(&folder.join("hexahedra.vtu"), &meshed, &meshed.images, origin)?;
+    let path = folder.join("hexahedra.vtu");
+    carried_mesh_file::write(&path, &meshed, &meshed.images, origin)?;
+    mesh_page::write_of_file(
+        &folder.join("hexahedra.html"),
+        &path,
+        pair.up,
+        &PageArgs::default().size,
+    )?;
     let figure = carried_mesh_picture::figure(&meshed, "Repaired", [pair.up; 2])?;
     save(&folder.join("hexahedra.png"), &figure.titled(pair.title))?;
     Ok(meshed.report)
@@ -340,6 +360,6 @@ fn summary(report: &DemoSummary) -> String {
          solids at unit volume.\nEverything took {:.1} s and {:.0} MiB. Look at {}",
         report.seconds,
         mebibytes(report.peak_rss_bytes),
-        report.folder.join("*").join("map.png").display()
+        report.folder.join("*").join("map.html").display()
     )
 }

@@ -20,7 +20,9 @@ use crate::drawing::{Figure, significant};
 use crate::shared::chosen_map::{ChosenMap, MapName};
 use crate::shared::input;
 use crate::shared::json::FileName;
+use crate::shared::map_page::MapPage;
 use crate::shared::output::{Output, two_columns, write_file};
+use crate::shared::page;
 use crate::shared::pictures::Pictured;
 use crate::shared::places::{percent, with_places};
 
@@ -50,7 +52,14 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         .chain(&args.mesh)
         .map(PathBuf::as_path)
         .collect();
-    input::require_all_writable(&[(args.vtu.as_ref(), &["vtu"]), (args.png.as_ref(), &["png"])], &inputs)?;
+    input::require_all_writable(
+        &[
+            (args.vtu.as_ref(), &["vtu"]),
+            (args.png.as_ref(), &["png"]),
+            (args.html.as_ref(), &page::EXTENSIONS),
+        ],
+        &inputs,
+    )?;
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
     let target = boundary.outward_target();
@@ -120,6 +129,18 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         let panels = pictured.section(args.section.plane(boundary.domain()), SECTION_PIXELS)?;
         write_file(path, &Figure::row(panels).to_png()?)?;
     }
+    if let Some(path) = &args.html {
+        let page = MapPage {
+            path: &args.map,
+            chosen,
+            boundary: &boundary,
+            metadata: &file.metadata,
+            energy: &energy,
+            options,
+            up: args.section.up,
+        };
+        page::write(path, &page.make(&args.page, output)?.html)?;
+    }
 
     let cells = quadrature.cell_means(&energy.densities.harmonic).len();
     let report = EnergySummary {
@@ -138,7 +159,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     };
     output.result(&report, || {
         let mut rows = energy_rows(&report.energy);
-        for path in [&args.vtu, &args.png].into_iter().flatten() {
+        for path in [&args.vtu, &args.png, &args.html].into_iter().flatten() {
             rows.push(["written".into(), path.display().to_string()]);
         }
         with_places(two_columns(rows), &report.worst_places)

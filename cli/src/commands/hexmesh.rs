@@ -24,7 +24,9 @@ use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, write_file, written_row};
 use crate::shared::places::with_places;
 use crate::shared::remeshing::remesh_options;
-use crate::shared::{boundary_map, carried_mesh_file, carried_mesh_picture, fitting, input, polycubes, remeshing};
+use crate::shared::{
+    boundary_map, carried_mesh_file, carried_mesh_picture, fitting, input, mesh_page, page, polycubes, remeshing,
+};
 
 /// Extensions of meshes that can be written.
 const OUTPUTS: [&str; 4] = ["msh", "mesh", "vtu", "vtk"];
@@ -65,6 +67,7 @@ struct HexmeshSummary {
     keep: Option<FileName>,
     /// The picture; none where there was nothing to draw.
     picture: Option<FileName>,
+    page: Option<FileName>,
     /// Why no polycube was found.
     problem: Option<String>,
     /// None where the polycube is one of voxels.
@@ -83,7 +86,11 @@ struct HexmeshSummary {
 
 /// Makes the mesh, and writes it.
 pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
-    let outputs: [(Option<&PathBuf>, &[&str]); 2] = [(Some(&args.output), &OUTPUTS), (args.png.as_ref(), &["png"])];
+    let outputs: [(Option<&PathBuf>, &[&str]); 3] = [
+        (Some(&args.output), &OUTPUTS),
+        (args.png.as_ref(), &["png"]),
+        (args.html.as_ref(), &page::EXTENSIONS),
+    ];
     input::require_all_writable(&outputs, &[&args.model])?;
     ensure!(args.cells > 0, "--cells is 0, but must be at least 1");
     ensure!(
@@ -93,11 +100,16 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     );
     let folder = args.keep.as_deref().map(MadeFolder::new).transpose()?;
     if let Some(folder) = &args.keep {
-        let others: Vec<&Path> = [Some(&args.model), Some(&args.output), args.png.as_ref()]
-            .into_iter()
-            .flatten()
-            .map(PathBuf::as_path)
-            .collect();
+        let others: Vec<&Path> = [
+            Some(&args.model),
+            Some(&args.output),
+            args.png.as_ref(),
+            args.html.as_ref(),
+        ]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
         let kept = Kept::names().map(|name| folder.join(name));
         let kept = kept.each_ref().map(|path| (Some(path), KEPT));
         input::require_all_writable(&kept, &others)?;
@@ -124,6 +136,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
         output: None,
         keep: None,
         picture: None,
+        page: None,
         problem: None,
         polycube: None,
         simplified: None,
@@ -259,10 +272,14 @@ fn written(
     if let Some((path, png)) = &picture {
         write_file(path, png)?;
     }
+    if let Some(path) = &args.html {
+        mesh_page::write_of_file(path, &args.output, args.up, &args.page)?;
+    }
     Ok(HexmeshSummary {
         output: Some((&args.output).into()),
         keep: file_name(args.keep.as_ref()),
         picture: file_name(picture.map(|(path, _)| path)),
+        page: file_name(args.html.as_ref()),
         polycube: deformed.map(|found| found.report),
         simplified: simplified.map(|report| *report),
         voxels,
@@ -342,7 +359,7 @@ fn rows(summary: &HexmeshSummary) -> Vec<[String; 2]> {
     rows.push(["in all".into(), format!("{:.1} s", summary.seconds)]);
     rows.push(memory_row(summary.peak_rss_bytes));
     if summary.output.is_some() {
-        let files = [&summary.output, &summary.keep, &summary.picture];
+        let files = [&summary.output, &summary.keep, &summary.picture, &summary.page];
         rows.push(written_row(files.map(Option::as_ref)));
     }
     rows

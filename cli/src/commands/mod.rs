@@ -19,3 +19,4 @@ pub mod sequence;
 pub mod tet;
 pub mod texture;
 pub mod transfer;
+pub mod view;

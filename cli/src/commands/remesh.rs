@@ -15,7 +15,9 @@ use crate::shared::carried_mesh_picture;
 use crate::shared::carried_mesh_report::{self, CarriedMeshReport};
 use crate::shared::input;
 use crate::shared::json::{FileName, file_name};
+use crate::shared::mesh_page;
 use crate::shared::output::{Output, peak_rss_bytes, two_columns, write_file, written_row};
+use crate::shared::page;
 use crate::shared::places::with_places;
 use crate::shared::remeshing::{remesh_options, show_phase};
 
@@ -31,6 +33,7 @@ struct RemeshSummary {
     domain_mesh: Option<FileName>,
     /// The picture; none where there was nothing to draw.
     picture: Option<FileName>,
+    page: Option<FileName>,
     #[serde(flatten)]
     carried: CarriedMeshReport,
     peak_rss_bytes: u64,
@@ -38,10 +41,11 @@ struct RemeshSummary {
 
 /// Carries and repairs the mesh, and writes it.
 pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
-    let outputs: [(Option<&PathBuf>, &[&str]); 3] = [
+    let outputs: [(Option<&PathBuf>, &[&str]); 4] = [
         (Some(&args.output), &OUTPUTS),
         (args.domain_mesh.as_ref(), &OUTPUTS),
         (args.png.as_ref(), &["png"]),
+        (args.html.as_ref(), &page::EXTENSIONS),
     ];
     let inputs: Vec<&Path> = std::iter::once(&args.map)
         .chain(&args.mesh)
@@ -87,11 +91,15 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         output: (&args.output).into(),
         domain_mesh: file_name(args.domain_mesh.as_ref()),
         picture: file_name(args.png.as_ref().filter(|_| picture.is_some())),
+        page: file_name(args.html.as_ref()),
         carried: mesh,
         peak_rss_bytes: peak_rss_bytes(),
     };
     if let (Some(path), Some(png)) = (&args.png, picture) {
         write_file(path, &png)?;
+    }
+    if let Some(path) = &args.html {
+        mesh_page::write_of_file(path, &args.output, args.target_up.or(args.up), &args.page)?;
     }
     output.result(&report, || with_places(summary(&report), &report.carried.worst_places))?;
     Ok(CommandOutcome::from_check(report.carried.is_valid()))
@@ -108,6 +116,7 @@ fn summary(report: &RemeshSummary) -> String {
         Some(&report.output),
         report.domain_mesh.as_ref(),
         report.picture.as_ref(),
+        report.page.as_ref(),
     ];
     rows.push(written_row(files));
     two_columns(rows)

@@ -2,6 +2,7 @@
 
 pub mod bijective;
 pub mod boundary_map;
+pub mod boundary_page;
 pub mod carried_mesh_file;
 pub mod carried_mesh_picture;
 pub mod carried_mesh_report;
@@ -15,7 +16,10 @@ pub mod interrupt;
 pub mod isolation;
 pub mod json;
 pub mod made_folder;
+pub mod map_page;
+pub mod mesh_page;
 pub mod output;
+pub mod page;
 pub mod picture_file;
 pub mod pictures;
 pub mod places;

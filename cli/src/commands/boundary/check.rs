@@ -11,10 +11,12 @@ use solidmap::io;
 use super::pictures;
 use crate::CommandOutcome;
 use crate::args::BoundaryCheckArgs;
+use crate::shared::boundary_page::BoundaryPage;
 use crate::shared::input;
 use crate::shared::input::BoundarySource;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
+use crate::shared::page;
 
 /// What `boundary check --json` prints.
 #[derive(Serialize)]
@@ -39,11 +41,12 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandO
         args.tolerance
     );
     let source = source(args)?;
-    if let Some(png) = &args.png {
-        let mut inputs = source.files();
-        inputs.extend(args.target.as_deref());
-        input::require_writable(png, &["png"], &inputs)?;
-    }
+    let mut inputs = source.files();
+    inputs.extend(args.target.as_deref());
+    input::require_all_writable(
+        &[(args.png.as_ref(), &["png"]), (args.html.as_ref(), &page::EXTENSIONS)],
+        &inputs,
+    )?;
     output.progress("reading");
     let map = source.read()?;
     let target = args.target.as_deref().map(input::read_surface).transpose()?;
@@ -61,6 +64,19 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandO
         let figure = pictures::boundary(&map, &check, [args.up, args.target_up.or(args.up)])?;
         write_file(png, &figure.to_png()?)?;
         output.note(format_args!("picture in {}", png.display()));
+    }
+    if let Some(path) = &args.html {
+        let files = source.files_by_role().into_iter();
+        let files: anyhow::Result<_> = files.map(|(role, path)| input::provenance(role, path)).collect();
+        let page = BoundaryPage {
+            path: source.image(),
+            boundary: &map,
+            check: &check,
+            files: files?,
+            up: args.up,
+        };
+        page::write(path, &page.make(&args.page)?.html)?;
+        output.note(format_args!("page in {}", path.display()));
     }
     let (domain, image, boundary_file) = match &source {
         BoundarySource::Image { domain, image } => (Some(domain.clone()), Some(image.clone()), None),

@@ -24,6 +24,7 @@ struct PairSummary {
     boundary_file: Option<FileName>,
     png: Option<FileName>,
     vtu: Option<FileName>,
+    page: Option<FileName>,
     /// Images under other maps.
     written_alternatives: Vec<FileName>,
     #[serde(flatten)]
@@ -76,6 +77,7 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
         boundary_file: file_name(args.outputs.boundary.as_ref()),
         png: file_name(args.outputs.png.as_ref()),
         vtu: file_name(args.outputs.vtu.as_ref()),
+        page: file_name(args.outputs.html.as_ref()),
         written_alternatives: alternatives.iter().map(FileName::from).collect(),
         pair: report,
         peak_rss_bytes: peak_rss_bytes(),
@@ -105,6 +107,8 @@ fn write_alternatives(
             boundary: outputs.boundary.as_ref().map(numbered),
             png: None,
             vtu: None,
+            html: None,
+            page: outputs.page,
             up: outputs.up,
         };
         write::outputs(map, None, &numbered, inputs, outputs.up, output)?;

@@ -24,6 +24,7 @@ struct SphereSummary {
     boundary_file: Option<FileName>,
     png: Option<FileName>,
     vtu: Option<FileName>,
+    page: Option<FileName>,
     #[serde(flatten)]
     sphere: SphereReport,
     certificate: EmbeddingCheck,
@@ -77,6 +78,7 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Command
         boundary_file: file_name(args.outputs.boundary.as_ref()),
         png: file_name(args.outputs.png.as_ref()),
         vtu: file_name(args.outputs.vtu.as_ref()),
+        page: file_name(args.outputs.html.as_ref()),
         sphere,
         certificate,
         distortion,
@@ -125,6 +127,7 @@ fn summary(report: &SphereSummary) -> String {
         ("boundary", &report.boundary_file),
         ("picture", &report.png),
         ("fields", &report.vtu),
+        ("page", &report.page),
     ] {
         rows.extend(path.as_ref().map(|path| [name.into(), path.display().to_string()]));
     }

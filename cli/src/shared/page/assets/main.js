@@ -1,0 +1,21 @@
+// Starts the page: what is written comes first, so that it is there also where nothing can be drawn.
+
+import { readArrays } from 'page/data';
+import { about } from 'page/elements';
+import { showBoundary } from 'page/boundary';
+import { showMap } from 'page/map';
+import { showMesh } from 'page/mesh';
+
+const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh };
+
+/** Shows the page. */
+export async function start(data, unpack, say) {
+  const page = document.getElementById('page');
+  page.append(about(data));
+  if (!document.createElement('canvas').getContext('webgl2')) {
+    throw new Error('this browser has no WebGL 2, or it is switched off. The numbers are below.');
+  }
+  say('');
+  const arrays = await readArrays(data.arrays, unpack);
+  page.prepend(KINDS[data.kind](data, arrays));
+}

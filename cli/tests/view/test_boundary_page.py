@@ -1,0 +1,44 @@
+"""The page of a boundary map, as a reader uses it."""
+
+import pytest
+
+from test_map_page import numbers
+
+
+def test_the_surface_and_its_image_are_seen_and_nothing_is_loaded(boundary, opened):
+    page = opened(boundary)
+    assert page.said == []
+    assert [url for url in page.requested if not url.startswith("blob:")] == [boundary.as_uri()]
+    for view in (0, 1):
+        seen = page.pixels(view)
+        assert 0.1 < seen["covered"] / seen["all"] < 0.9 and seen["colours"] > 200
+    assert "inverted triangles" in page.page.locator("table").first.inner_text()
+
+
+def test_colours_and_the_way_to_the_image(boundary, opened):
+    page = opened(boundary)
+    seen = {tuple(page.hashes())}
+    for colour in ("checker", "area", "angle"):
+        page.set("by", colour)
+        seen.add(tuple(page.hashes()))
+    assert len(seen) == 4
+    before = page.hashes()
+    page.set("move", 0)
+    after = page.hashes()
+    assert after[0] == before[0] and after[1] != before[1] and after[0] == after[1]
+
+
+def test_the_pointer_shows_a_point_and_its_image_on_the_sphere(boundary, opened):
+    page = opened(boundary)
+    x, y = page.page.evaluate("solidmapPage.stage.project(0, [0, 0, 0])")
+    page.page.mouse.move(x, y)
+    page.page.wait_for_selector(".readout dt")
+    point, image = (numbers(page.readout()[name]) for name in ("point", "image"))
+    assert (point[0] / 2) ** 2 + point[1] ** 2 + (point[2] / 0.7) ** 2 == pytest.approx(1, abs=0.02)
+    # Inside the sphere by the height of its triangles at most.
+    assert sum(c * c for c in image) == pytest.approx(1, abs=0.02)
+
+
+def test_the_keyboard_reaches_every_control(boundary, opened):
+    wanted, reached = opened(boundary).focusable()
+    assert wanted >= 6 and reached == wanted
