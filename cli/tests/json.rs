@@ -279,7 +279,7 @@ fn every_field_of_a_report_is_documented_and_written() {
             "hexmesh ball.vtu -o hm.vtu --cells 6 --keep hk --png hm.png --html hm.html",
         ),
         ("hexmesh", "hexmesh ball.vtu -o hv.vtu --cells 6 --polycube voxels"),
-        ("hexmesh", "hexmesh ball.vtu -o hs.vtu --cells 6 --max-vertices 300"),
+        ("hexmesh", "hexmesh ball.vtu -o hs.vtu --cells 6 --max-vertices 100"),
         ("bijective", "bijective ball.map --mesh ball.vtu -o other.map"),
         ("bijective", "bijective folded.map --mesh ball.vtu"),
         ("eval", "eval both.map at.csv -o e.csv"),
