@@ -258,7 +258,7 @@ def hexmesh(
     tolerance: float = 0.002,
     polish: int = 200,
     max_distance: float = 0.05,
-    max_vertices: int = 8000,
+    max_vertices: int = 6000,
     worst: int = 5,
     progress: Progress = None,
     **repair: Unpack[RepairOptions],

@@ -95,7 +95,7 @@ pub const TOLERANCE: f64 = 0.002;
 pub const MAX_DISTANCE: f64 = 0.05;
 
 /// The default of [`HexmeshOptions::most_vertices`].
-pub const MOST_VERTICES: usize = 8000;
+pub const MOST_VERTICES: usize = 6000;
 
 /// The current step of [`make_hexmesh`], for progress callbacks.
 #[derive(Debug, Clone, PartialEq)]

@@ -40,7 +40,7 @@ struct HexmeshOptions {
   double max_distance = 0.05;
   /// A model without handles whose surface has more vertices is simplified, and its polycube is that of the simplified one. The
   /// mesh's boundary is on the model itself.
-  std::size_t max_vertices = 8000;
+  std::size_t max_vertices = 6000;
   PolycubeKind polycube_kind = PolycubeKind::automatic;
   /// How the model is deformed. The lattice is chosen by the size of the cells.
   PolycubeOptions polycube;
