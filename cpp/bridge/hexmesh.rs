@@ -3,7 +3,7 @@
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
 use super::error::{Error, ErrorKind, guarded};
-use super::maps::{Map, fit_for_cpp, fit_options, on_pair_phase, on_phase};
+use super::maps::{Map, ask, fit_for_cpp, fit_options, on_pair_phase, on_phase};
 use super::meshes::{VolumeMesh, tets_of};
 use super::polycube::{
     PolycubeMap, distortion_of, on_polycube_phase, polycube_for_cpp, polycube_options, size_for_cpp,
