@@ -249,6 +249,45 @@ fn smooth_data_are_met_between_the_collocation_points() {
     assert!(fit.report.boundary_error.rms < 1e-4, "{:?}", fit.report.boundary_error);
 }
 
+/// A map by this function of positions, also within triangles.
+fn by_function(domain: &SurfaceMesh, f: fn(&Point) -> Point) -> BoundaryMap {
+    let points: Vec<Point> = domain.vertices().iter().map(f).collect();
+    let bounds = points
+        .iter()
+        .fold((points[0], points[0]), |(low, high), p| (low.inf(p), high.sup(p)));
+    let surface = domain.clone();
+    let value = move |p: &SurfacePoint| f(&p.position(&surface, surface.vertices()));
+    BoundaryMap::by_function(domain.clone(), bounds, value).unwrap()
+}
+
+/// Distant sources meet data that are harmonic far beyond the solid within any tolerance here; others need sources near it.
+#[test]
+fn smooth_data_need_few_sources_whatever_the_tolerance() {
+    for domain in [shapes::bumpy_sphere(25), shapes::torus(0.8, 0.3, 80, 40)] {
+        for function in [polynomials, charges] {
+            for tolerance in [1e-3, 1e-5, 1e-6] {
+                let options = FitOptions {
+                    tolerance,
+                    ..FitOptions::default()
+                };
+                let boundary = by_function(&domain, function);
+                let fit = fitted(&boundary, &options);
+                assert!(fit.report.sources < 300 && fit.report.sources == fit.map.sources().len());
+                assert!(options.is_met_by(&fit.report));
+                let points = interior_points(&domain, 500);
+                let error = largest_distance(
+                    &fit.map.evaluate(&points),
+                    &points.iter().map(function).collect::<Vec<_>>(),
+                );
+                assert!(error < tolerance * boundary.target_diagonal(), "{error:e}");
+            }
+        }
+        let kinked = |p: &Point| Point::new(p.x.abs(), p.y, p.z);
+        let fit = fitted(&by_function(&domain, kinked), &FitOptions::default());
+        assert!(fit.report.sources > domain.vertices().len(), "{}", fit.report.sources);
+    }
+}
+
 /// A repeated solve on a kept factorisation is the fit itself, where neither refines.
 #[test]
 fn one_factorisation_serves_many_boundary_maps() {

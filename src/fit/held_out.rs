@@ -98,7 +98,7 @@ impl HeldOut {
             }
         };
         let accuracy = (PART_OF_ERROR * solution.expected_error()).min(MAX_SUM_ERROR);
-        let values = evaluator.values(solution, accuracy)?;
+        let values = evaluator.values(system, solution, accuracy)?;
         let error_of = |(k, data): (usize, &BoundaryData)| {
             let exact = data.values_at(&self.points);
             let distance = |(r, exact): (usize, &Vector)| {

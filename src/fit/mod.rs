@@ -4,6 +4,7 @@
 //! one [`DomainFactor::solve`] (section 4.6).
 
 mod boundary_data;
+mod distant;
 mod domain;
 mod error;
 mod held_out;

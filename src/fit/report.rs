@@ -40,7 +40,7 @@ pub struct FitReport {
     pub vertices: usize,
     /// Boundary triangles of the domain.
     pub faces: usize,
-    /// Sources placed.
+    /// Sources of the map.
     pub sources: usize,
     /// Collocation points.
     pub collocation: usize,
@@ -102,7 +102,7 @@ impl FitReport {
         Self {
             vertices: domain.vertices().len(),
             faces: domain.triangles().len(),
-            sources: size.sources,
+            sources: system.sources_of(solution).len(),
             collocation: size.collocation,
             method: system.method().into(),
             placement: options.method.placement(),

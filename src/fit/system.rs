@@ -2,10 +2,12 @@
 //! the unit frame, so that results do not depend on the unit of length.
 
 use std::borrow::Cow;
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
 use super::boundary_data::BoundaryData;
+use super::distant::DistantSources;
 use super::phase::{Phase, Progress};
 use super::placement::{PlacedPoints, SourceSets};
 use super::refinement::FinerLevel;
@@ -44,6 +46,9 @@ pub(super) struct System {
     sources: Vec<Point>,
     pub collocation: Vec<SurfacePoint>,
     factor: Factor,
+    affine: bool,
+    /// Made when boundary values are solved for first; `None` where there are none.
+    distant: OnceLock<Option<DistantSources>>,
 }
 
 enum Factor {
@@ -128,6 +133,8 @@ impl UnfactoredSystem {
             anchors: self.anchors,
             collocation: self.collocation,
             factor,
+            affine: self.affine,
+            distant: OnceLock::new(),
         })
     }
 }
@@ -150,6 +157,7 @@ impl System {
                 Ok(SystemSolution {
                     coefficients,
                     modes: None,
+                    distant: None,
                     residuals: residual_norms(&right_hand_sides.minus(&values)),
                     tolerance,
                     iterations: 1,
@@ -158,13 +166,14 @@ impl System {
             }
             Factor::Schwarz(factor, _) => {
                 let report = |iteration, residual| progress.report(Phase::Iterating { iteration, residual });
+                let (distant, remaining) = self.without_smooth_part(factor, right_hand_sides, tolerance)?;
                 let compressed = match start {
-                    None if right_hand_sides.columns() > 3 => factor.modes_of(right_hand_sides, TRUNCATION * tolerance),
+                    None if remaining.columns() > 3 => factor.modes_of(&remaining, TRUNCATION * tolerance),
                     _ => None,
                 };
                 let (solution, residuals, modes) = match compressed {
                     None => {
-                        let solution = factor.solve(right_hand_sides, start, tolerance, &report)?;
+                        let solution = factor.solve(&remaining, start, tolerance, &report)?;
                         let residuals = residual_norms(&solution.residual);
                         (solution, residuals, None)
                     }
@@ -174,12 +183,13 @@ impl System {
                         let per_mode = tolerance / (data.columns() as f64).sqrt();
                         let solution = factor.solve(&data, None, per_mode, &report)?;
                         let values = modes.values(&data.minus(&solution.residual), factor.collocation());
-                        (solution, residual_norms(&right_hand_sides.minus(&values)), Some(modes))
+                        (solution, residual_norms(&remaining.minus(&values)), Some(modes))
                     }
                 };
                 Ok(SystemSolution {
                     coefficients: solution.coefficients,
                     modes,
+                    distant,
                     residuals,
                     tolerance,
                     iterations: solution.iterations,
@@ -189,22 +199,75 @@ impl System {
         }
     }
 
+    /// The coefficients of distant sources where the right-hand sides are so smooth that these serve, and what is left of the
+    /// right-hand sides.
+    fn without_smooth_part<'a>(
+        &self,
+        factor: &SchwarzFactor,
+        right_hand_sides: &'a Values,
+        tolerance: f64,
+    ) -> Result<(Option<Values>, Cow<'a, Values>), FitError> {
+        let unchanged = (None, Cow::Borrowed(right_hand_sides));
+        let points = factor.collocation();
+        if self.distant.get().is_none() {
+            let made = match self.affine {
+                true => DistantSources::new(points, factor.weights())?,
+                false => None,
+            };
+            // Another thread may have made the same.
+            let _ = self.distant.set(made);
+        }
+        let Some(distant) = self.distant_sources() else {
+            return Ok(unchanged);
+        };
+        let Some(coefficients) = distant.fitted(right_hand_sides, points, tolerance)? else {
+            return Ok(unchanged);
+        };
+        let left = right_hand_sides.minus(&distant.values(&coefficients, points)?);
+        Ok((Some(coefficients), Cow::Owned(left)))
+    }
+
+    fn distant_sources(&self) -> Option<&DistantSources> {
+        self.distant.get().and_then(Option::as_ref)
+    }
+
     /// The map of each boundary map that was solved for.
     pub fn maps(&self, solution: &SystemSolution, data: &[BoundaryData]) -> Vec<HarmonicMap> {
         let coefficients = match &solution.modes {
             Some(modes) => Cow::Owned(modes.coefficients(&solution.coefficients)),
             None => Cow::Borrowed(&solution.coefficients),
         };
+        let sources = self.sources_of(solution);
         let map = |(k, data): (usize, &BoundaryData)| {
-            let unit = Coefficients::of_columns(&coefficients, 3 * k, self.sources.len());
+            let mut unit = match solution.is_distant_alone() {
+                true => Coefficients::default(),
+                false => Coefficients::of_columns(&coefficients, 3 * k, self.sources.len()),
+            };
+            if let (Some(distant), Some(smooth)) = (self.distant_sources(), &solution.distant) {
+                unit.add(Coefficients::of_columns(smooth, 3 * k, distant.positions.len()));
+            }
             let coefficients = self.frame.coefficients_to_model(unit, data.diagonal, data.origin);
-            let map = HarmonicMap::new(self.sources.clone(), coefficients).expect("one coefficient row per source");
+            let map = HarmonicMap::new(sources.to_vec(), coefficients).expect("one coefficient row per source");
             match solution.stop {
                 Some(_) => map.with_error(solution.residuals[k].rms),
                 None => map,
             }
         };
         data.iter().enumerate().map(map).collect()
+    }
+
+    /// The sources of the maps of a solution, in model units.
+    pub fn sources_of(&self, solution: &SystemSolution) -> Cow<'_, [Point]> {
+        match (self.distant_sources(), &solution.distant) {
+            (Some(distant), Some(_)) => {
+                let distant = self.frame.all_to_model(&distant.positions);
+                Cow::Owned(match solution.is_distant_alone() {
+                    true => distant,
+                    false => [self.sources.as_slice(), &distant].concat(),
+                })
+            }
+            _ => Cow::Borrowed(&self.sources),
+        }
     }
 
     /// An evaluator of solutions at these points, whose sums have at most this relative error.
@@ -281,6 +344,8 @@ pub(super) struct SystemSolution {
     /// In the unit frame: those of the right-hand sides, or of their modes.
     pub coefficients: Values,
     modes: Option<BasisModes>,
+    /// Those of the distant sources and another affine part, of the right-hand sides, in the unit frame. What they give is added.
+    distant: Option<Values>,
     /// For each boundary map.
     pub residuals: Vec<ResidualNorm>,
     tolerance: f64,
@@ -295,6 +360,11 @@ pub(super) struct ResidualNorm {
 }
 
 impl SystemSolution {
+    /// Whether the distant sources left nothing to solve for: the coefficients of all others are 0.
+    fn is_distant_alone(&self) -> bool {
+        self.distant.is_some() && self.modes.is_none() && self.coefficients.as_slice().iter().all(|&w| w == 0.0)
+    }
+
     /// Estimate of the smallest error of the maps, which decides how accurately they are measured.
     pub fn expected_error(&self) -> f64 {
         match self.stop {
@@ -332,17 +402,30 @@ pub(super) struct Evaluator {
 
 impl Evaluator {
     /// Values of the right-hand sides' functions at the points.
-    pub fn values(&self, solution: &SystemSolution, accuracy: f64) -> Result<Values, FitError> {
+    pub fn values(&self, system: &System, solution: &SystemSolution, accuracy: f64) -> Result<Values, FitError> {
+        let smooth = match (system.distant_sources(), &solution.distant) {
+            (Some(distant), Some(coefficients)) => Some(distant.values(coefficients, &self.points)?),
+            _ => None,
+        };
+        if let Some(smooth) = &smooth
+            && solution.is_distant_alone()
+        {
+            return Ok(smooth.clone());
+        }
         let values = values(&self.sums.with_accuracy(accuracy), &solution.coefficients, &self.points)?;
-        Ok(match &solution.modes {
+        let values = match &solution.modes {
             Some(modes) => modes.values(&values, &self.points),
+            None => values,
+        };
+        Ok(match smooth {
+            Some(smooth) => values.plus(&smooth),
             None => values,
         })
     }
 }
 
 /// Values of all columns of a solution at the points of `sums`.
-fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
+pub(super) fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
     let columns = coefficients.columns();
     let (of_sources, affine) = coefficients.as_slice().split_at(sums.sources() * columns);
     let potential = sums.potential(of_sources, columns).map_err(SolveError::from)?;

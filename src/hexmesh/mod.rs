@@ -1,8 +1,8 @@
 //! From a model to its hexahedra: a polycube of the model on a lattice, the harmonic map from the polycube to the model, and
 //! the lattice's cells carried by it and repaired.
 //!
-//! The polycube is the model itself, deformed, or for a solid of genus 0 one of voxels with a bijection of the boundaries. Of a
-//! large one of genus 0 a simplified model is deformed.
+//! The polycube is the model itself, deformed, or for a solid of genus 0 or 1 one of voxels with a bijection of the boundaries. Of a
+//! large one of genus 0 or 1 a simplified model is deformed.
 //! Every step is also there by itself: [`make_polycube`] or [`VoxelPolycube`] and
 //! [`map_pair`](crate::boundary_map::pair::map_pair), [`fit`], [`remesh`].
 
@@ -12,7 +12,7 @@ mod voxels;
 use crate::boundary_map::pair::{PairError, PairPhase};
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::fit::{Fit, FitError, FitOptions, Phase, fit};
-use crate::mesh::TetMesh;
+use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::polycube::{
     MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubePhase, VoxelPolycube, VoxelPolycubeError, make_polycube,
 };
@@ -20,7 +20,7 @@ use crate::progress::{ProgressControl, ProgressResponse};
 use crate::remesh::{
     CellKind, CellSize, RemeshError, RemeshOptions, RemeshPhase, RemeshSource, Remeshed, crossing_triangles, remesh,
 };
-use crate::spherical::require_genus_0;
+use crate::spherical::genus;
 
 pub use simplified::SimplifiedReport;
 pub use voxels::VoxelReport;
@@ -28,13 +28,13 @@ pub use voxels::VoxelReport;
 /// Where the polycube comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PolycubeKind {
-    /// For a solid of genus 0 a deformation of the model if one attempt finds one that leads to a valid mesh, else voxels; for
+    /// For a solid of genus 0 or 1 a deformation of the model if one attempt finds one that leads to a valid mesh, else voxels; for
     /// others a deformation of the model.
     #[default]
     Auto,
     /// The model, deformed ([`make_polycube`]).
     Deformed,
-    /// Voxels ([`VoxelPolycube`]), for solids of genus 0.
+    /// Voxels ([`VoxelPolycube`]), for solids of genus 0 or 1.
     Voxels,
 }
 
@@ -43,6 +43,9 @@ pub enum PolycubeKind {
 const ATTEMPTS_BEFORE_VOXELS: usize = 1;
 /// Most of the effort of such an attempt ([`PolycubeOptions::effort`]).
 const EFFORT_BEFORE_VOXELS: f64 = 2000.0;
+
+/// Handles of a model, at most, onto which other boundaries are mapped.
+const MOST_HANDLES: u64 = 1;
 
 /// Options of [`make_hexmesh`].
 #[derive(Debug, Clone, PartialEq)]
@@ -57,7 +60,7 @@ pub struct HexmeshOptions {
     pub max_distance: f64,
     /// Where the polycube comes from.
     pub polycube_kind: PolycubeKind,
-    /// A model of genus 0 whose surface has more vertices is simplified, and its polycube is made from the simplified one. The mesh's
+    /// A model of genus 0 or 1 whose surface has more vertices is simplified, and its polycube is made from the simplified one. The mesh's
     /// boundary is on the model itself. Without the feature `native` it is deformed as it is.
     pub most_vertices: usize,
     /// How the model is deformed to a polycube. Its lattice is chosen by the size of the cells.
@@ -124,8 +127,8 @@ pub enum HexmeshError {
     Voxels(#[from] VoxelPolycubeError),
     /// The boundary of the polycube of voxels cannot be mapped to the model's.
     #[error(
-        "a polycube of voxels takes a model of one part without handles, and its boundary cannot be mapped to this model's \
-         (the target): {0}"
+        "a polycube of voxels takes a model of one part with no more than one handle, and its boundary cannot be mapped to this \
+         model's (the target): {0}"
     )]
     Pair(#[from] PairError),
     /// The largest distance allowed is not positive.
@@ -221,7 +224,7 @@ pub fn make_hexmesh<R: ProgressResponse>(
         return Err(HexmeshError::MaxDistance(options.max_distance));
     }
     let may_be_voxels = match options.polycube_kind {
-        PolycubeKind::Auto => require_genus_0(&model.boundary().surface).is_ok(),
+        PolycubeKind::Auto => has_pairs(&model.boundary().surface),
         PolycubeKind::Deformed => false,
         PolycubeKind::Voxels => return voxels::hexmesh(model, options, &progress),
     };
@@ -270,6 +273,11 @@ impl HexmeshError {
     }
 }
 
+/// Whether the boundaries of other solids are mapped to this one ([`map_pair`](crate::boundary_map::pair::map_pair)).
+fn has_pairs(surface: &SurfaceMesh) -> bool {
+    genus(surface).is_ok_and(|handles| handles <= MOST_HANDLES)
+}
+
 /// By a deformation of the model, sought in a few attempts or all.
 fn by_deformation(
     model: &TetMesh,
@@ -286,9 +294,9 @@ fn by_deformation(
         polycube_options.effort = polycube_options.effort.min(EFFORT_BEFORE_VOXELS);
     }
     let surface = model.boundary().surface;
-    let simplified = match require_genus_0(&surface) {
-        Ok(_) => simplified::simplified(model, options, progress)?,
-        Err(_) => None,
+    let simplified = match has_pairs(&surface) {
+        true => simplified::simplified(model, options, progress)?,
+        false => None,
     };
     let deformed = simplified.as_ref().unwrap_or(model);
     let polycube = make_polycube(deformed, &polycube_options, &|phase| {

@@ -2,8 +2,8 @@
 //! the simplified one's.
 //!
 //! What a deformation costs grows with the tetrahedra, and what is wanted of it, a few charts that follow the shape, does not need
-//! more of them. The simplified boundary is mapped to the model's through spherical embeddings, so that every point of the polycube's
-//! boundary has its point of the model's own, one to one.
+//! more of them. The simplified boundary is mapped to the model's through embeddings in the sphere or a flat torus, so that every point of
+//! the polycube's boundary has its point of the model's own, one to one.
 
 use super::{HexmeshError, HexmeshOptions, HexmeshPhase};
 use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
@@ -11,6 +11,7 @@ use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::progress::ProgressControl;
 use crate::spherical::SphericalEmbedding;
+use crate::toroidal::ToroidalEmbedding;
 
 /// What is known of a simplified model.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -52,9 +53,10 @@ fn filled(surface: &SurfaceMesh, options: &HexmeshOptions) -> Option<TetMesh> {
     // Two triangles of side l, √3/4 l² each, for every vertex.
     let edge_length = (2.0 * surface.area() / (3f64.sqrt() * vertices as f64)).sqrt();
     let remeshed = remesh_isotropically(surface, edge_length).ok()?;
+    // Short edges are collapsed: a thin handle may be gone.
+    let is_alike = crate::spherical::genus(&remeshed) == crate::spherical::genus(surface);
     // Refuses surfaces that pass through themselves.
-    let tets = tetrahedralize(&remeshed, &TetOptions::default()).ok()?;
-    crate::spherical::require_genus_0(&remeshed).is_ok().then_some(tets)
+    is_alike.then(|| tetrahedralize(&remeshed, &TetOptions::default()).ok())?
 }
 
 #[cfg(not(feature = "native"))]
@@ -80,10 +82,16 @@ pub(super) fn onto_model(
         of: model.vertices().len(),
         distortion: pair.after,
     };
-    let (Some(embedding), Some(target)) = (onto.domain_embedding(), onto.target_embedding()) else {
+    let from_polycube = if let (Some(embedding), Some(target)) = (onto.domain_embedding(), onto.target_embedding()) {
+        let embedding = SphericalEmbedding::new(polycube, embedding.directions())
+            .map_err(|error| PairError::Sphere { side: "domain", error })?;
+        BoundaryMap::through_sphere(embedding, target.clone())?
+    } else if let Some([embedding, target]) = onto.torus_embeddings() {
+        let embedding = ToroidalEmbedding::new(polycube, embedding.positions(), embedding.translations())
+            .map_err(|error| PairError::Torus { side: "domain", error })?;
+        BoundaryMap::through_torus(embedding, target.clone())?
+    } else {
         return Err(PairError::NoEmbedding.into());
     };
-    let embedding = SphericalEmbedding::new(polycube, embedding.directions())
-        .map_err(|error| PairError::Sphere { side: "domain", error })?;
-    Ok((BoundaryMap::through_sphere(embedding, target.clone())?, report))
+    Ok((from_polycube, report))
 }

@@ -45,6 +45,45 @@ fn require_boundary_on(model: &TetMesh, made: &Hexmesh, genus: u64, volume_error
     assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
 }
 
+/// Its hole is open in the polycube as well.
+#[test]
+fn a_ring_gets_voxels_with_a_handle() {
+    let torus = test_meshes::torus(4);
+    let voxels = HexmeshOptions {
+        polycube_kind: PolycubeKind::Voxels,
+        ..options(CellKind::Hexes, 20)
+    };
+    let made = make_hexmesh(&torus, &voxels, &|_| {}).unwrap();
+    assert!(matches!(&made.polycube, HexmeshPolycube::Voxels(_, report) if report.missed == 0));
+    assert_eq!(made.faults(), 0);
+    require_boundary_on(&torus, &made, 1, 0.1);
+}
+
+#[cfg(feature = "native")]
+#[test]
+fn a_large_ring_is_simplified_too() {
+    let torus = test_meshes::torus(8);
+    let vertices = torus.boundary().surface.vertices().len();
+    let simplified = HexmeshOptions {
+        most_vertices: vertices / 3,
+        ..options(CellKind::Hexes, 12)
+    };
+    let made = make_hexmesh(&torus, &simplified, &|_| {}).unwrap();
+    let HexmeshPolycube::Deformed(_, Some(report)) = &made.polycube else {
+        panic!("not simplified");
+    };
+    assert!(report.of == vertices && report.vertices < vertices, "{report:?}");
+    assert_eq!(made.faults(), 0);
+    require_boundary_on(&torus, &made, 1, 0.1);
+    assert_eq!(
+        made.fit.boundary.torus_embeddings().unwrap()[1]
+            .surface()
+            .vertices()
+            .len(),
+        vertices
+    );
+}
+
 #[cfg(feature = "native")]
 #[test]
 fn a_large_model_is_simplified_and_its_mesh_is_on_the_model_itself() {
@@ -216,16 +255,7 @@ fn voxels_take_over_where_no_deformation_is_found() {
         assert!((cells - report.cells as f64).abs() < 1e-9);
         require_boundary_on(&ball, &made, 0, 0.05);
     }
-    // Not for a torus, and not where only deformations are wanted.
-    let torus = make_hexmesh(
-        &test_meshes::torus(3),
-        &without_attempts(options(CellKind::Hexes, 8)),
-        &|_| {},
-    );
-    assert!(matches!(
-        torus,
-        Err(HexmeshError::Polycube(MakePolycubeError::NoLabels))
-    ));
+    // Not where only deformations are wanted.
     let only = HexmeshOptions {
         polycube_kind: PolycubeKind::Deformed,
         ..without_attempts(options(CellKind::Hexes, 8))
@@ -236,8 +266,6 @@ fn voxels_take_over_where_no_deformation_is_found() {
         polycube_kind: PolycubeKind::Voxels,
         ..options(CellKind::Hexes, 8)
     };
-    let error = make_hexmesh(&test_meshes::torus(3), &voxels, &|_| {}).unwrap_err();
-    assert!(matches!(error, HexmeshError::Pair(PairError::Sphere { .. })), "{error}");
     // Both reasons are given where voxels fail as well.
     let few = HexmeshOptions {
         most_cells: 10,

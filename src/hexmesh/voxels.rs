@@ -1,7 +1,8 @@
-//! Hexahedra by a polycube of voxels, whose boundary is mapped to the model's by spherical embeddings.
+//! Hexahedra by a polycube of voxels, whose boundary is mapped to the model's by embeddings in the sphere or a flat torus.
 
 use super::{
-    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, boxes_per_lattice_cell, carried, lattice_of,
+    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, MOST_HANDLES, boxes_per_lattice_cell,
+    carried, lattice_of,
 };
 use crate::boundary_map::SurfaceDistortion;
 use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
@@ -9,7 +10,7 @@ use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::polycube::{MakePolycubeError, VoxelPolycube, VoxelPolycubeError};
 use crate::progress::ProgressControl;
 use crate::remesh::CellSize;
-use crate::spherical::require_genus_0;
+use crate::spherical::genus;
 
 /// Voxels along the longest side of the model, at least, where cells are small enough.
 const LEAST_ALONG: usize = 12;
@@ -50,11 +51,15 @@ pub(super) fn hexmesh(
     if !has_volume {
         return Err(HexmeshError::NoVolume);
     }
-    require_genus_0(&target).map_err(|error| PairError::Sphere { side: "target", error })?;
+    let handles = match genus(&target) {
+        Ok(handles) if handles <= MOST_HANDLES => handles,
+        Ok(genus) => return Err(PairError::ManyHandles { genus }.into()),
+        Err(error) => return Err(PairError::Sphere { side: "target", error }.into()),
+    };
     let boxes = boxes_per_lattice_cell(options.kind);
     let size = lattice_size(options, &target)?;
     let along = longest_side(&target) / size;
-    let mut polycubes = polycubes(&target, size, along as usize)?;
+    let mut polycubes = polycubes(&target, handles, size, along as usize)?;
     polycubes.truncate(MOST_SIZES);
     let mut best: Option<Hexmesh> = None;
     let mut failure = None;
@@ -105,20 +110,32 @@ fn lattice_size(options: &HexmeshOptions, target: &SurfaceMesh) -> Result<f64, H
 
 /// Polycubes of voxels with a whole number of cells along an edge, in the order in which they are tried: from the finest that has
 /// no more than [`MOST_VOXELS`], or the coarsest, to coarser ones. Thin limbs are stretched less by fine voxels.
-fn polycubes(target: &SurfaceMesh, size: f64, along: usize) -> Result<Vec<(usize, VoxelPolycube)>, VoxelPolycubeError> {
+fn polycubes(
+    target: &SurfaceMesh,
+    handles: u64,
+    size: f64,
+    along: usize,
+) -> Result<Vec<(usize, VoxelPolycube)>, VoxelPolycubeError> {
+    let with = |cells: usize| VoxelPolycube::new(target, handles, cells as f64 * size);
     let coarsest = (along / LEAST_ALONG).max(1);
-    let mut found = vec![(coarsest, VoxelPolycube::new(target, coarsest as f64 * size)?)];
-    for cells in (1..coarsest).rev() {
-        let polycube = VoxelPolycube::new(target, cells as f64 * size)?;
-        if polycube.voxels.len() > MOST_VOXELS {
-            break;
+    let mut found = vec![];
+    let mut failure = None;
+    for cells in (1..=coarsest).rev() {
+        match with(cells) {
+            Ok(polycube) if !found.is_empty() && polycube.voxels.len() > MOST_VOXELS => break,
+            Ok(polycube) => found.push((cells, polycube)),
+            // Smaller voxels may fit through a hole that these do not.
+            Err(VoxelPolycubeError::Handles { .. }) if cells > 1 => {}
+            Err(error) => failure = Some(error),
         }
-        found.push((cells, polycube));
     }
     found.reverse();
     let coarser = coarsest + 1;
-    found.extend(VoxelPolycube::new(target, coarser as f64 * size).map(|polycube| (coarser, polycube)));
-    Ok(found)
+    found.extend(with(coarser).map(|polycube| (coarser, polycube)));
+    match failure {
+        Some(error) if found.is_empty() => Err(error),
+        _ => Ok(found),
+    }
 }
 
 type Carried = (crate::fit::Fit, crate::remesh::Remeshed);

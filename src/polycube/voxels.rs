@@ -1,8 +1,11 @@
-//! A polycube of voxels for a solid of genus 0: one voxel, grown by others that leave the whole a ball.
+//! A polycube of voxels: one voxel, grown by others that leave the whole a ball, and for a solid with handles by as many more that
+//! close one each.
 //!
 //! Voxels are added only where the filled ones and the empty ones keep their topology (simple points; Bertrand, Malandain,
 //! *A new characterization of three-dimensional simple points*, 1994) and where the boundary stays a manifold (well-composed
-//! pictures; Latecki, *3D well-composed pictures*, 1997).
+//! pictures; Latecki, *3D well-composed pictures*, 1997). A ball in a solid with a handle leaves a wall of empty voxels across it. The
+//! deepest voxel between two parts of what is filled, around which there is one part of empty ones, is a handle if it is filled; the
+//! rest of the wall can be filled then.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -31,6 +34,16 @@ pub enum VoxelPolycubeError {
         "voxels of size {0} are no grid around the model; the size has to be positive, and may not give more than 10^7 voxels"
     )]
     Size(f64),
+    /// The handles of the solid are not those of voxels.
+    #[error(
+        "voxels of size {size} do not show the handles of the model, of which there are {handles}; it takes smaller ones"
+    )]
+    Handles {
+        /// Size of the voxels.
+        size: f64,
+        /// Handles wanted.
+        handles: u64,
+    },
     /// No voxel touches the inside of the solid.
     #[error("no voxel of size {0} lies in the model; it takes smaller ones")]
     Thin(f64),
@@ -53,13 +66,14 @@ pub struct VoxelPolycube {
 }
 
 impl VoxelPolycube {
-    /// Voxels of edge length `size` that fill most of a solid and reach its limbs: a ball with a manifold boundary, whatever
-    /// the genus of the solid. Holes of the solid are filled or cut open.
+    /// Voxels of edge length `size` that fill most of a solid and reach its limbs, with a manifold boundary: a ball with this many
+    /// handles, where the solid is deep. Where it has more, its holes are filled or cut open.
     ///
     /// # Errors
     ///
-    /// For a size that gives no voxels or more than 10⁷, and for surfaces that cannot be searched.
-    pub fn new(model: &SurfaceMesh, size: f64) -> Result<Self, VoxelPolycubeError> {
+    /// For a size that gives no voxels or more than 10⁷, where the solid does not have as many handles that voxels of this size can
+    /// have, and for surfaces that cannot be searched.
+    pub fn new(model: &SurfaceMesh, handles: u64, size: f64) -> Result<Self, VoxelPolycubeError> {
         let query = SurfaceQuery::with_winding_sign(model)?;
         let bounds = query.bounds();
         let along = bounds.extent() / size;
@@ -72,11 +86,14 @@ impl VoxelPolycube {
         let centres: Vec<Point> = (0..grid.len()).map(|voxel| grid.centre(voxel)).collect();
         let depths = query.signed_distances(&centres).into_iter().map(|d| -d / size);
         let mut growth = Growth::new(grid, depths.collect(), model.vertices());
-        growth.run();
+        let closed = growth.run(handles);
         let filled = (0..growth.is_filled.len()).filter(|&voxel| growth.is_filled[voxel]);
         let voxels: Vec<[i32; 3]> = filled.map(|voxel| growth.grid.place(voxel).map(|k| k as i32)).collect();
         if voxels.is_empty() {
             return Err(VoxelPolycubeError::Thin(size));
+        }
+        if closed < handles {
+            return Err(VoxelPolycubeError::Handles { size, handles });
         }
         Ok(Self {
             origin: growth.grid.origin,
@@ -189,21 +206,50 @@ impl<'a> Growth<'a> {
         }
     }
 
-    /// Fills the deepest voxel, all that are deep enough and leave it a ball, and then others for the limbs that are not
-    /// reached yet.
-    fn run(&mut self) {
+    /// Fills the deepest voxel, all that are deep enough and leave it a ball, voxels that close up to `handles` handles, and then others
+    /// for the limbs that are not reached yet. How many handles were closed.
+    fn run(&mut self, handles: u64) -> u64 {
         let inner = (0..self.grid.len()).filter(|&voxel| self.grid.is_inner(voxel));
         let deepest = inner.max_by(|&a, &b| self.depths[a].total_cmp(&self.depths[b]).then(b.cmp(&a)));
         let Some(deepest) = deepest.filter(|&voxel| self.depths[voxel] > -FARTHEST_OUTSIDE) else {
-            return;
+            return 0;
         };
         self.fill(deepest);
         self.grow(&self.empty_around(deepest), OUTSIDE, false);
-        let filled: Vec<usize> = (0..self.grid.len()).filter(|&voxel| self.is_filled[voxel]).collect();
-        let mut around: Vec<usize> = filled.into_iter().flat_map(|voxel| self.empty_around(voxel)).collect();
+        let mut closed = self.close(handles, OUTSIDE, false);
+        self.grow(&self.around_filled(), FARTHEST_OUTSIDE, true);
+        // Those that are thinner than a voxel.
+        closed += self.close(handles - closed, FARTHEST_OUTSIDE, true);
+        closed
+    }
+
+    /// Fills voxels that close a handle, the deepest first, and grows from each. How many there were, up to `most`.
+    fn close(&mut self, most: u64, outside: f64, reaching: bool) -> u64 {
+        let mut closed = 0;
+        while closed < most
+            && let Some(voxel) = self.deepest_handle(outside)
+        {
+            self.fill(voxel);
+            self.grow(&self.empty_around(voxel), outside, reaching);
+            closed += 1;
+        }
+        closed
+    }
+
+    /// The deepest voxel that closes a handle.
+    fn deepest_handle(&self, outside: f64) -> Option<usize> {
+        let empty = (0..self.grid.len()).filter(|&v| self.depths[v] > -outside && !self.is_filled[v]);
+        let closing = empty.filter(|&v| self.grid.is_inner(v) && self.can_be_filled(v, 2));
+        closing.max_by(|&a, &b| self.depths[a].total_cmp(&self.depths[b]).then(b.cmp(&a)))
+    }
+
+    /// The empty voxels around filled ones, ascending.
+    fn around_filled(&self) -> Vec<usize> {
+        let filled = (0..self.grid.len()).filter(|&voxel| self.is_filled[voxel]);
+        let mut around: Vec<usize> = filled.flat_map(|voxel| self.empty_around(voxel)).collect();
         around.sort_unstable();
         around.dedup();
-        self.grow(&around, FARTHEST_OUTSIDE, true);
+        around
     }
 
     /// Fills voxels of `first` and then those around filled ones, deepest first; on request only those that reach a vertex
@@ -221,7 +267,7 @@ impl<'a> Growth<'a> {
         let mut queue = BinaryHeap::from(candidates(self, first));
         while let Some(Candidate { voxel, .. }) = queue.pop() {
             let is_wanted = !self.is_filled[voxel] && (!reaching || self.reaches_more(voxel));
-            if is_wanted && self.stays_a_ball(voxel) {
+            if is_wanted && self.can_be_filled(voxel, 1) {
                 self.fill(voxel);
                 // Others that could not be filled before may be now.
                 queue.extend(candidates(self, &self.empty_around(voxel)));
@@ -264,14 +310,15 @@ impl<'a> Growth<'a> {
             .collect()
     }
 
-    /// Whether filling an empty voxel changes neither the topology nor that the boundary is a manifold: around it there is one
-    /// part of filled voxels and one of empty ones, both joined by faces, and so in each cube of eight voxels with it.
-    fn stays_a_ball(&self, voxel: usize) -> bool {
+    /// Whether an empty voxel can be filled so that the boundary stays a manifold: around it there are this many parts of filled voxels
+    /// and one of empty ones, all joined by faces, and in each cube of eight voxels with it there is one of both. With one part the
+    /// topology does not change, and with two a handle is closed, or two bodies are joined.
+    fn can_be_filled(&self, voxel: usize, parts: usize) -> bool {
         let mut filled = self.grid.around_voxel(voxel).map(|near| self.is_filled[near]);
-        let is_simple =
-            parts_at_faces(|k| filled[k] && distance(k, MIDDLE) < 3) == 1 && parts_at_faces(|k| !filled[k]) == 1;
+        let is_between =
+            parts_at_faces(|k| filled[k] && distance(k, MIDDLE) < 3) == parts && parts_at_faces(|k| !filled[k]) == 1;
         filled[MIDDLE] = true;
-        is_simple && (0..8).all(|corner| is_well_composed(&filled, corner))
+        is_between && (0..8).all(|corner| is_well_composed(&filled, corner))
     }
 }
 
@@ -374,11 +421,42 @@ mod tests {
     #[test]
     fn voxels_of_a_box_are_the_box() {
         let cube = shapes::deformed(&shapes::cube(2.0, 4), |p| Point::new(p.x, 2.0 * p.y, 0.5 * p.z));
-        let found = VoxelPolycube::new(&cube, 0.25).unwrap();
+        let found = VoxelPolycube::new(&cube, 0, 0.25).unwrap();
         assert_eq!((found.voxels.len(), found.missed), (8 * 16 * 4, 0));
         let surface = found.surface(1);
         assert!((surface.volume() / cube.volume() - 1.0).abs() < 1e-12);
         assert_eq!(surface.bounding_box(), cube.bounding_box());
+    }
+
+    #[test]
+    fn handles_are_closed_where_the_solid_is_deep() {
+        let knotted = |p: &Point| Point::new(p.x + 0.3 * p.y * p.y, p.y, p.z + 0.4 * p.x);
+        for (name, model, handles) in [
+            ("torus", shapes::torus(2.0, 0.5, 40, 20), 1),
+            ("thin", shapes::torus(2.0, 0.2, 60, 20), 1),
+            ("bent", shapes::deformed(&shapes::torus(2.0, 0.5, 40, 20), knotted), 1),
+            ("double torus", shapes::double_torus(4), 2),
+        ] {
+            for along in [14.0, 20.0, 31.0] {
+                let (low, high) = model.bounding_box().unwrap();
+                let size = (high - low).max() / along;
+                let found = VoxelPolycube::new(&model, handles, size).unwrap();
+                let surface = found.surface(1);
+                assert_eq!(genus(&surface), Some(handles), "{name}, {along}");
+                // The wall across the handle is filled.
+                let ball = VoxelPolycube::new(&model, 0, size).unwrap();
+                assert!(
+                    found.voxels.len() > ball.voxels.len() && found.missed <= ball.missed,
+                    "{name}, {along}"
+                );
+            }
+        }
+        let ball = shapes::sphere(1.0, 3);
+        let error = VoxelPolycube::new(&ball, 1, 0.2).unwrap_err();
+        assert!(
+            matches!(error, VoxelPolycubeError::Handles { handles: 1, .. }),
+            "{error}"
+        );
     }
 
     #[test]
@@ -392,7 +470,7 @@ mod tests {
         ] {
             for along in [3.0, 7.5, 12.0, 20.0] {
                 let (low, high) = model.bounding_box().unwrap();
-                let found = VoxelPolycube::new(&model, (high - low).max() / along).unwrap();
+                let found = VoxelPolycube::new(&model, 0, (high - low).max() / along).unwrap();
                 let surface = found.surface(1);
                 assert_eq!(genus(&surface), Some(0), "{name}, {along}");
                 assert!(surface.volume() > 0.5 * model.volume(), "{name}, {along}");
@@ -409,7 +487,7 @@ mod tests {
         };
         let model = shapes::deformed(&shapes::sphere(1.0, 5), stretched);
         let (low, high) = model.bounding_box().unwrap();
-        let found = VoxelPolycube::new(&model, (high - low).max() / 10.0).unwrap();
+        let found = VoxelPolycube::new(&model, 0, (high - low).max() / 10.0).unwrap();
         assert_eq!(found.missed, 0);
         let (least, most) = found.surface(1).bounding_box().unwrap();
         assert!((high - most).max() < REACHED * found.size && (least - low).max() < REACHED * found.size);
@@ -419,11 +497,11 @@ mod tests {
     #[test]
     fn what_has_no_voxels_is_an_error() {
         let ball = shapes::sphere(1.0, 2);
-        let mut none = VoxelPolycube::new(&ball, 0.5).unwrap();
+        let mut none = VoxelPolycube::new(&ball, 0, 0.5).unwrap();
         none.voxels.clear();
         assert!(none.surface(2).triangles().is_empty());
         for size in [1e-9, 0.0, f64::NAN, -1.0] {
-            assert!(VoxelPolycube::new(&ball, size).is_err(), "{size}");
+            assert!(VoxelPolycube::new(&ball, 0, size).is_err(), "{size}");
         }
     }
 }

@@ -261,6 +261,11 @@ impl SchwarzFactor {
         &self.collocation
     }
 
+    /// The surface area that each collocation point stands for.
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
     /// Number of collocation points.
     pub fn rows(&self) -> usize {
         self.collocation.len()

@@ -35,7 +35,7 @@ pub(crate) use relax::{Relaxation, RelaxationStar, better_place};
 pub(crate) use rest_shape::{RestShape, RestShapes};
 pub(crate) use ring_kernel::{det, point_in_kernel, positive_det};
 pub use spherical_embedding::{SphericalEmbedding, SphericalError, require_genus_0};
-pub(crate) use spherical_embedding::{require_genus, require_scale};
+pub(crate) use spherical_embedding::{genus, require_genus, require_scale};
 
 /// Spherical embeddings for tests.
 #[cfg(test)]

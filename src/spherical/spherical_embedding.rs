@@ -218,6 +218,19 @@ pub(crate) fn require_genus(surface: &SurfaceMesh, wanted: u64) -> Result<Surfac
     Ok(repair(surface).0)
 }
 
+/// The number of handles of a surface.
+///
+/// # Errors
+///
+/// As [`require_genus_0`], but for handles.
+pub(crate) fn genus(surface: &SurfaceMesh) -> Result<u64, SphericalError> {
+    match require_genus_0(surface) {
+        Ok(_) => Ok(0),
+        Err(SphericalError::Genus { genus }) => Ok(genus),
+        Err(error) => Err(error),
+    }
+}
+
 /// # Errors
 ///
 /// [`SphericalError::OutOfScale`] when squares of areas could over- or underflow.

@@ -56,7 +56,7 @@ use crate::mesh::SurfaceMesh;
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SphericalEmbedding, SphericalError, check_embedding,
-    map_to_sphere, require_genus_0, require_scale,
+    genus, map_to_sphere, require_genus_0, require_scale,
 };
 use crate::toroidal::{ToroidalError, require_genus_1};
 use crate::{Matrix3, Vector};
@@ -216,11 +216,7 @@ fn of_no_handle(side: &'static str) -> PairError {
 ///
 /// When a surface is not one closed manifold, has another number of handles than the other, or several.
 fn has_one_handle([domain, target]: [&SurfaceMesh; 2], options: &PairOptions) -> Result<bool, PairError> {
-    let genus = |side, surface| match require_genus_0(surface) {
-        Ok(_) => Ok(0),
-        Err(SphericalError::Genus { genus }) => Ok(genus),
-        Err(error) => Err(PairError::Sphere { side, error }),
-    };
+    let genus = |side, surface| genus(surface).map_err(|error| PairError::Sphere { side, error });
     match [genus("domain", domain)?, genus("target", target)?] {
         [0, 0] => Ok(false),
         [1, 1] => torus::require_options(options).map(|()| true),
