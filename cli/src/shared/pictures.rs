@@ -89,6 +89,28 @@ impl Pictured<'_> {
     }
 }
 
+/// Fields by their names on one section, with a common colour bar, at the last.
+pub fn panels_with_one_bar(
+    (section, up): (&PlaneSection, UpKind),
+    fields: &[(String, Vec<f64>)],
+    label: &str,
+    range: ValueRange,
+    scale: Scale,
+) -> anyhow::Result<Vec<Panel>> {
+    let all = fields.iter().flat_map(|(_, values)| values.iter().copied());
+    let bar = ColourBar::new(label, all, range, scale)?;
+    let panel = |(k, (name, values)): (usize, &(String, Vec<f64>))| {
+        let panel = Panel::of_section(section, values, &bar)?;
+        let panel = panel.turned_if(up.is_upside_down()).titled(name);
+        Ok(if k + 1 == fields.len() {
+            panel.with_bar(&bar)
+        } else {
+            panel
+        })
+    };
+    fields.iter().enumerate().map(panel).collect()
+}
+
 /// From 0, the value at the boundary: points that the boundary error puts outside are below, and clamped.
 fn from_zero(distances: &[f64]) -> ValueRange {
     ValueRange::Fixed(0.0, distances.iter().copied().fold(0.0, f64::max).max(f64::EPSILON))
