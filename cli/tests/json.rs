@@ -346,13 +346,19 @@ fn every_field_of_a_report_is_documented_and_written() {
             "study placement ball.ply bent.ply --placements sphere,offset,adaptive --radius 0.4,1 --offset 0.1 --alpha 1 \
              --resolution 8 -o study.csv --png study.png --html study.html",
         ),
-        ("study", "study ratios --boundary p.safetensors --alpha 1 --s-ratio 0.5 --c-ratio 1 --resolution 8"),
+        (
+            "study",
+            "study ratios --boundary p.safetensors --alpha 1 --s-ratio 0.5 --c-ratio 1 --resolution 8",
+        ),
         (
             "study boundary",
             "study boundary bent.ply f03.ply --domain ball.ply --tolerance 0.01 --resolution 8 -o maps.csv --png maps.png \
              --html maps.html",
         ),
-        ("study boundary", "study boundary bent.ply --domain ball.ply --memory 1MB"),
+        (
+            "study boundary",
+            "study boundary bent.ply --domain ball.ply --memory 1MB",
+        ),
         ("check", "check shell.ply"),
         ("tet", "tet ball.ply -o ball.vtu"),
         ("offset", "offset ball.ply --distance 0.2 -o offset.ply"),

@@ -43,19 +43,26 @@ fn number(row: &Value, key: &str) -> f64 {
 fn table(path: &Path) -> Vec<Vec<String>> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).from_path(path).unwrap();
     let records = reader.records().map(Result::unwrap);
-    records.map(|record| record.iter().map(String::from).collect()).collect()
+    records
+        .map(|record| record.iter().map(String::from).collect())
+        .collect()
 }
 
 fn assert_close(found: f64, expected: f64, tolerance: f64, what: &str) {
     let difference = (found - expected).abs();
-    assert!(difference <= tolerance * expected.abs(), "{what}: {found}, not {expected}");
+    assert!(
+        difference <= tolerance * expected.abs(),
+        "{what}: {found}, not {expected}"
+    );
 }
 
 /// The C-Error from the map itself: the sum over all vertices, which are the collocation points at a c-ratio of 1.
 fn c_error_of(place: &Workplace, map: &str) -> f64 {
     let map = files::read_map(place.path(map)).unwrap();
     let image = io::read_surface(place.path("bent.ply")).unwrap();
-    let images = map.map.evaluate(io::read_surface(place.path("ball.ply")).unwrap().vertices());
+    let images = map
+        .map
+        .evaluate(io::read_surface(place.path("ball.ply")).unwrap().vertices());
     let squares = images.iter().zip(image.vertices()).map(|(a, b)| (a - b).norm_squared());
     squares.sum::<f64>() / image.diagonal().powi(2)
 }
@@ -79,7 +86,15 @@ fn a_row_has_what_a_fit_and_its_energies_have() {
              --tolerance 1 -o one.map --json"
         );
         let fit = place.report(0, &fit);
-        for key in ["sources", "collocation", "c_error", "residual_rms", "boundary_error", "condition", "rank"] {
+        for key in [
+            "sources",
+            "collocation",
+            "c_error",
+            "residual_rms",
+            "boundary_error",
+            "condition",
+            "rank",
+        ] {
             assert_eq!(row[key], fit[key], "{key} of {placement}");
         }
         let energy = place.report(0, "energy one.map --resolution 12 --json");
@@ -96,26 +111,39 @@ fn a_row_has_what_a_fit_and_its_energies_have() {
 #[test]
 fn both_decompositions_say_the_same() {
     let place = place();
-    let line = format!("study placement ball.ply bent.ply {SMALL} --placements sphere,adaptive --radius 0.6 --alpha 1,2 --json");
+    let line = format!(
+        "study placement ball.ply bent.ply {SMALL} --placements sphere,adaptive --radius 0.6 --alpha 1,2 --json"
+    );
     let svd = place.report(0, &line);
     let qr = place.report(0, &format!("{line} --method dense"));
     for (a, b) in rows(&svd).iter().zip(rows(&qr)) {
         assert_close(number(b, "condition"), number(a, "condition"), 0.1, "condition");
         assert_close(number(b, "c_error"), number(a, "c_error"), 1e-3, "C-Error");
         assert_eq!(a["rank"], b["rank"]);
-        assert_close(number(b, "harmonic_energy"), number(a, "harmonic_energy"), 1e-3, "energy");
+        assert_close(
+            number(b, "harmonic_energy"),
+            number(a, "harmonic_energy"),
+            1e-3,
+            "energy",
+        );
     }
 }
 
 #[test]
 fn a_similarity_has_no_error_and_the_energy_of_the_identity() {
     let place = place();
-    place.surface("same.ply", &shapes::deformed(&ball(), |p| Point::from(2.0 * p.coords) + solidmap::Vector::x()));
+    place.surface(
+        "same.ply",
+        &shapes::deformed(&ball(), |p| Point::from(2.0 * p.coords) + solidmap::Vector::x()),
+    );
     let line = format!("study ratios ball.ply same.ply {SMALL} --alpha 1 --s-ratio 0.3,0.6 --c-ratio 1,2 --json");
     let report = place.report(0, &line);
     assert_eq!(rows(&report).len(), 4);
     for row in rows(&report) {
-        assert!(number(row, "c_error") < 1e-20 && number(&row["boundary_error"], "max") < 1e-10, "{row}");
+        assert!(
+            number(row, "c_error") < 1e-20 && number(&row["boundary_error"], "max") < 1e-10,
+            "{row}"
+        );
         assert_close(number(row, "harmonic_energy"), 3.0, 1e-9, "harmonic energy");
         assert!(number(row, "deformation_energy").abs() < 1e-12, "{row}");
     }
@@ -129,10 +157,14 @@ fn a_similarity_has_no_error_and_the_energy_of_the_identity() {
 #[test]
 fn ratios_are_of_as_many_boundary_points_as_are_asked_for() {
     let place = place();
-    let line = format!("study ratios ball.ply bent.ply {SMALL} --points 100 --alpha 1 --s-ratio 0.5 --c-ratio 1.2 --json");
+    let line =
+        format!("study ratios ball.ply bent.ply {SMALL} --points 100 --alpha 1 --s-ratio 0.5 --c-ratio 1.2 --json");
     let report = place.report(0, &line);
     let row = &rows(&report)[0];
-    assert_eq!([&row["sources"], &row["collocation"], &report["points"]], [50, 120, 100]);
+    assert_eq!(
+        [&row["sources"], &row["collocation"], &report["points"]],
+        [50, 120, 100]
+    );
     assert_eq!(row["placement"], "adaptive");
 }
 
@@ -140,7 +172,11 @@ fn ratios_are_of_as_many_boundary_points_as_are_asked_for() {
 fn a_table_is_gone_on_with_and_keeps_other_rows() {
     let place = place();
     let line = format!("study placement ball.ply --image bent.ply {SMALL} --placements sphere -o table.csv --json");
-    let reused = |options: &str| place.report(0, &format!("{line} {options}"))["reused"].as_u64().unwrap();
+    let reused = |options: &str| {
+        place.report(0, &format!("{line} {options}"))["reused"]
+            .as_u64()
+            .unwrap()
+    };
     assert_eq!(reused("--radius 0.7,1"), 0);
     let first = table(&place.path("table.csv"));
     assert_eq!(first.len(), 3);
@@ -165,14 +201,25 @@ fn a_table_is_gone_on_with_and_keeps_other_rows() {
 #[test]
 fn a_setting_that_fails_is_a_row_with_its_reason_and_is_tried_again() {
     let place = place();
-    let line = format!("study placement ball.ply bent.ply {SMALL} --placements sphere --radius 0.4,1 -o table.csv --png c.png");
+    let line = format!(
+        "study placement ball.ply bent.ply {SMALL} --placements sphere --radius 0.4,1 -o table.csv --png c.png"
+    );
     for _ in 0..2 {
         let ended = place.ends_with(1, &format!("{line} --json"));
         let report: Value = serde_json::from_slice(&ended.stdout).unwrap();
-        let [failed, done] = rows(&report) else { panic!("{report}") };
+        let [failed, done] = rows(&report) else {
+            panic!("{report}")
+        };
         let error = failed["error"].as_str().unwrap();
-        assert!(error.contains("--radius is 0.4") && error.contains("more than 0.5"), "{error}");
-        assert!(stderr(&ended).contains("sphere 0.4") && stderr(&ended).contains(error), "{}", stderr(&ended));
+        assert!(
+            error.contains("--radius is 0.4") && error.contains("more than 0.5"),
+            "{error}"
+        );
+        assert!(
+            stderr(&ended).contains("sphere 0.4") && stderr(&ended).contains(error),
+            "{}",
+            stderr(&ended)
+        );
         assert!(failed.get("c_error").is_none() && number(done, "c_error") > 0.0);
         assert_eq!((&report["failed"], &failed["reused"]), (&1.into(), &false.into()));
     }
@@ -206,7 +253,10 @@ fn what_cannot_be_studied_is_refused_before_the_work() {
         ("study placement ball.ply other.ply", &["ball.ply", "other.ply"]),
         ("study ratios --boundary none.safetensors", &["none.safetensors"]),
         (&format!("{line} -o table.txt"), &["`table.txt`", "name it .csv"]),
-        (&format!("{line} -o points.csv"), &["`points.csv` is not a table of this study", "another file"]),
+        (
+            &format!("{line} -o points.csv"),
+            &["`points.csv` is not a table of this study", "another file"],
+        ),
         (&format!("{line} --png no/c.png"), &["no/c.png", "no folder"]),
         (&format!("{line} --png c.png --html c.png"), &["c.png"]),
         (&format!("{line} --points 0"), &["--points is 0"]),
@@ -216,10 +266,7 @@ fn what_cannot_be_studied_is_refused_before_the_work() {
             &["--alpha has no meaning with --placement offset"],
         ),
         ("study boundary bent.ply", &["`bent.ply` is an image", "--domain"]),
-        (
-            "study boundary none.safetensors",
-            &["none.safetensors"],
-        ),
+        ("study boundary none.safetensors", &["none.safetensors"]),
         (
             "study boundary bent.ply other.ply --domain ball.ply",
             &["other.ply", "ball.ply"],
@@ -227,8 +274,16 @@ fn what_cannot_be_studied_is_refused_before_the_work() {
     ] {
         place.fails(line, fragments);
     }
-    assert_eq!(std::fs::read_to_string(place.path("points.csv")).unwrap(), "x,y,z\n0,0,0\n");
-    for line in ["study placement ball.ply", "study ratios", "study", "study placement ball.ply bent.ply --image bent.ply"] {
+    assert_eq!(
+        std::fs::read_to_string(place.path("points.csv")).unwrap(),
+        "x,y,z\n0,0,0\n"
+    );
+    for line in [
+        "study placement ball.ply",
+        "study ratios",
+        "study",
+        "study placement ball.ply bent.ply --image bent.ply",
+    ] {
         assert_eq!(place.run(line).status.code(), Some(2), "{line}");
     }
 }
@@ -238,14 +293,20 @@ fn boundary_maps_are_ordered_by_the_energy_of_their_maps() {
     let place = place();
     place.surface("same.ply", &ball());
     place.surface("more.ply", &shapes::deformed(&ball(), bent(0.4)));
-    place.ends_with(0, "boundary pair ball.ply bent.ply --aligned -o p.ply --boundary pair.safetensors");
+    place.ends_with(
+        0,
+        "boundary pair ball.ply bent.ply --aligned -o p.ply --boundary pair.safetensors",
+    );
     let line = "study boundary bent.ply more.ply same.ply pair.safetensors --domain ball.ply --tolerance 0.01 \
                 --resolution 12 -o maps.csv --json";
     let report = place.report(0, line);
     let energies: Vec<f64> = rows(&report).iter().map(|row| number(row, "harmonic_energy")).collect();
     assert!(energies[2] < energies[0] && energies[0] < energies[1], "{energies:?}");
     assert_close(energies[2], 3.0, 1e-9, "the identity");
-    let surfaces: Vec<f64> = rows(&report).iter().map(|row| number(row, "surface_dirichlet")).collect();
+    let surfaces: Vec<f64> = rows(&report)
+        .iter()
+        .map(|row| number(row, "surface_dirichlet"))
+        .collect();
     assert_close(surfaces[2], 4.0, 1e-9, "the identity of the boundary");
     assert!(surfaces[0] < surfaces[1], "{surfaces:?}");
     for key in ["least_harmonic_energy", "least_deformation_energy"] {
@@ -323,11 +384,28 @@ fn a_page_has_the_picture_the_rows_and_what_they_mean() {
 fn help_tells_the_studies_and_their_options() {
     let help = |line: &str| text(&Workplace::new().ends_with(0, line).stdout);
     let all = help("study --help");
-    for word in ["placement", "ratios", "boundary", "figure 5 a to c", "figure 5 d", "figure 3"] {
+    for word in [
+        "placement",
+        "ratios",
+        "boundary",
+        "figure 5 a to c",
+        "figure 5 d",
+        "figure 3",
+    ] {
         assert!(all.contains(word), "{word}: {all}");
     }
     let placement = help("study placement --help");
-    for word in ["R-Ratio", "O-Distance", "sRatio", "cRatio", "--points", "--output", "--png", "--html", "exit code 1"] {
+    for word in [
+        "R-Ratio",
+        "O-Distance",
+        "sRatio",
+        "cRatio",
+        "--points",
+        "--output",
+        "--png",
+        "--html",
+        "exit code 1",
+    ] {
         assert!(placement.contains(word), "{word}: {placement}");
     }
 }

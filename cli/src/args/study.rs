@@ -28,6 +28,8 @@ pub enum StudyCommand {
 #[command(
     allow_negative_numbers = true,
     group(ArgGroup::new("boundary_map").required(true).args(["image", "second", "boundary"])),
+    override_usage = "solidmap study placement [OPTIONS] DOMAIN IMAGE\n       \
+                      solidmap study placement [OPTIONS] [DOMAIN] --boundary FILE",
     after_help = STUDY_HELP
 )]
 pub struct StudyPlacementArgs {
@@ -71,6 +73,8 @@ pub struct StudyPlacementArgs {
 #[command(
     allow_negative_numbers = true,
     group(ArgGroup::new("boundary_map").required(true).args(["image", "second", "boundary"])),
+    override_usage = "solidmap study ratios [OPTIONS] DOMAIN IMAGE\n       \
+                      solidmap study ratios [OPTIONS] [DOMAIN] --boundary FILE",
     after_help = STUDY_HELP
 )]
 pub struct StudyRatiosArgs {
@@ -153,7 +157,7 @@ impl StudySource {
 pub struct StudySystemArgs {
     /// Boundary points that the ratios are of: so many vertices, evenly chosen, or all where there are fewer. Time grows with
     /// the cube of it
-    #[arg(long, value_name = "N", default_value_t = 800)]
+    #[arg(long, value_name = "N", default_value_t = 1000)]
     pub points: usize,
     /// Decomposition of the dense systems: `svd`, as in Li et al. 2007, gives their exact condition numbers and ranks;
     /// `dense` (QR) estimates them, in a tenth of the time

@@ -140,7 +140,7 @@ pub fn run(args: &StudyBoundaryArgs, output: &Output) -> anyhow::Result<CommandO
             label: studied.name(),
             inputs: hashes(&studied.files),
         };
-        let what = format!("{} of {count}, {}: ", k + 1, studied.name());
+        let what = format!("{} of {count}, {}", k + 1, studied.name());
         let boundary = &studied.boundary;
         rows.row(varied, !is_pictured, || {
             let accuracy = args.accuracy.options();

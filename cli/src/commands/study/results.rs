@@ -11,7 +11,7 @@ use solidmap::fit::{Fit, FitOptions, fit};
 
 use super::measured::Measured;
 use super::table::StudyTable;
-use crate::shared::fitting::show_phase;
+use crate::shared::fitting::show_one_of_many;
 use crate::shared::input;
 use crate::shared::output::{Output, describe};
 
@@ -116,7 +116,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Fits one map and measures it; `what` is put before the progress.
+/// Fits one map and measures it; `what` names it where progress is shown.
 pub fn measured_fit(
     boundary: &BoundaryMap,
     options: &FitOptions,
@@ -125,8 +125,8 @@ pub fn measured_fit(
     output: &Output,
 ) -> anyhow::Result<(Fit, Measured)> {
     let start = Instant::now();
-    let fit = fit(boundary, options, &|phase| show_phase(phase, what, output))?;
-    output.progress(format!("{what}integrating"));
+    let fit = fit(boundary, options, &|phase| show_one_of_many(phase, what, output))?;
+    output.progress_in(what, "integrating");
     let target = boundary.target_volume();
     let (_, energies) = adaptive_energies(&fit.map, fit.boundary.domain(), target, energy, accuracy)?;
     let measured = Measured::new(&fit.report, &energies, start.elapsed().as_secs_f64());

@@ -116,7 +116,7 @@ impl SweepSummary {
         let right = |name, unit| (name, unit, Align::Right);
         let mut table = Table::new([
             ("placement", "", Align::Left),
-            right("", "parameter"),
+            right("parameter", ""),
             right("s-ratio", ""),
             right("c-ratio", ""),
             right("sources", ""),

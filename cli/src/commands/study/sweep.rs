@@ -128,7 +128,7 @@ impl Sweep<'_> {
                 label: setting.label(),
                 inputs: hashes(&files),
             };
-            let what = format!("{} of {count}, {}: ", k + 1, setting.label());
+            let what = format!("{} of {count}, {}", k + 1, setting.label());
             rows.row(varied, true, || measure(setting, self.system, &boundary, &what, output))
         });
         let measured: Vec<Row<Setting>> = measured.collect::<anyhow::Result<_>>()?;
