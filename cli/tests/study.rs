@@ -58,7 +58,7 @@ fn assert_close(found: f64, expected: f64, tolerance: f64, what: &str) {
 
 /// The C-Error from the map itself: the sum over all vertices, which are the collocation points at a c-ratio of 1.
 fn c_error_of(place: &Workplace, map: &str) -> f64 {
-    let map = files::read_map(place.path(map)).unwrap();
+    let map = files::read_map(&place.path(map)).unwrap();
     let image = io::read_surface(place.path("bent.ply")).unwrap();
     let images = map
         .map
@@ -333,7 +333,7 @@ fn maps_of_other_domains_are_not_compared() {
         let map = BoundaryMap::between(domain.clone(), domain).unwrap();
         place.surface("d.ply", domain);
         files::write_boundary(
-            place.path(name),
+            &place.path(name),
             &files::BoundaryFile {
                 boundary: map,
                 metadata: files::BoundaryMetadata::new(vec![]),

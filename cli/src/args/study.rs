@@ -46,12 +46,13 @@ pub struct StudyPlacementArgs {
         default_value = "0.55,0.7,1,1.5,2,3"
     )]
     pub radius: Vec<f64>,
-    /// Distances of the offset surfaces, over the domain's diagonal: the paper's O-Distance
+    /// Distances of the offset surfaces, over the domain's diagonal: the paper's O-Distance. One of
+    /// 0.01 takes a minute to make
     #[arg(
         long,
         value_name = "LIST",
         value_delimiter = ',',
-        default_value = "0.01,0.02,0.05,0.1,0.2,0.4"
+        default_value = "0.02,0.03,0.05,0.1,0.2,0.4"
     )]
     pub offset: Vec<f64>,
     /// Distances of the sources from the surface in the adaptive placement, over their local spacing: at most 5

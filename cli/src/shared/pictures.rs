@@ -26,6 +26,22 @@ pub fn plane_across(axis: Axis, position: f64, solid: &SurfaceMesh) -> AxisPlane
     AxisPlane { axis, position }
 }
 
+/// The cross-section of a solid that was asked for; where no axis was named, the largest of those across each axis.
+pub fn largest_section(asked: &SectionArgs, domain: &SurfaceMesh, pixels: usize) -> anyhow::Result<PlaneSection> {
+    let up = Axis::from(asked.up);
+    let across = |axis| PlaneSection::new(domain, plane_across(axis, asked.position(), domain), up, pixels);
+    if let Some(axis) = asked.axis {
+        return Ok(across(Axis::from(axis))?);
+    }
+    // `max_by` takes the last of equal sections: z before y before x.
+    let sections = [Axis::X, Axis::Y].map(across).into_iter().flatten();
+    let last = across(Axis::Z);
+    let largest = sections
+        .chain(last.iter().cloned())
+        .max_by(|a, b| a.area().total_cmp(&b.area()));
+    Ok(largest.map_or(last, Ok)?)
+}
+
 impl SectionArgs {
     /// Refuses a position outside 0 to 1.
     pub fn require_valid(&self) -> anyhow::Result<()> {

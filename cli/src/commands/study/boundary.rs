@@ -10,9 +10,10 @@ use solidmap::compare::outward;
 use solidmap::energy::{EnergyOptions, densities};
 use solidmap::files::Provenance;
 use solidmap::fit::{FitOptions, self_intersection_warning};
-use solidmap::geometry::{Axis, PlaneSection};
+use solidmap::geometry::PlaneSection;
 use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
+use solidmap::statistics::quantiles;
 
 use super::measured::Measured;
 use super::page::StudyPage;
@@ -28,13 +29,15 @@ use crate::shared::input::{self, BoundarySource};
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, write_file};
 use crate::shared::page;
-use crate::shared::pictures::panels_with_one_bar;
+use crate::shared::pictures::{largest_section, panels_with_one_bar};
 use crate::shared::places::percent;
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 420;
-/// Sections side by side.
+/// With more maps than this, each has a row of its own.
 const IN_A_ROW: usize = 4;
+/// Densities whose percentiles span more than this factor have a logarithmic colour scale.
+const WIDE: f64 = 20.0;
 /// The columns of what is varied.
 const COLUMNS: [&str; 1] = ["map"];
 /// Domains are the same solid if their boxes and volumes differ by no more than this, relative to their size.
@@ -121,11 +124,8 @@ pub fn run(args: &StudyBoundaryArgs, output: &Output) -> anyhow::Result<CommandO
     let warning = self_intersection_warning(domain, &first.source.domain().display().to_string());
     warning.iter().for_each(|warning| output.warn_of_fit(warning));
     let is_pictured = args.outputs.png.is_some() || args.outputs.html.is_some();
-    let section = || {
-        let plane = args.section.plane(domain);
-        PlaneSection::new(domain, plane, Axis::from(args.section.up), SECTION_PIXELS)
-    };
-    let section = is_pictured.then(section).transpose()?;
+    let section = is_pictured.then(|| largest_section(&args.section, domain, SECTION_PIXELS));
+    let section = section.transpose()?;
 
     let settings = settings_in_common(args, &options);
     let mut rows = Rows::new("boundary", &settings, table, output);
@@ -272,18 +272,26 @@ fn settings_in_common(args: &StudyBoundaryArgs, options: &FitOptions) -> String 
 
 /// The densities of all maps, in one colour scale for each of the two.
 fn figure(args: &StudyBoundaryArgs, section: &PlaneSection, maps: &[SectionDensities]) -> anyhow::Result<Figure> {
-    let mut rows = Vec::new();
-    let fields: [(&str, fn(&SectionDensities) -> &Vec<f64>); 2] = [
-        ("harmonic energy density ‖J‖²", |map| &map.harmonic),
-        ("deformation energy density ½ σ:ε", |map| &map.deformation),
-    ];
-    for (label, of) in fields {
+    let panels = |label: &str, of: fn(&SectionDensities) -> &Vec<f64>| {
         let fields: Vec<(String, Vec<f64>)> = maps.iter().map(|map| (map.name.clone(), of(map).clone())).collect();
+        let all: Vec<f64> = fields.iter().flat_map(|(_, values)| values.iter().copied()).collect();
+        let [low, high] = quantiles(&all, [0.01, 0.99]).unwrap_or([0.0; 2]);
         // A few points at creases have densities far above all others; the colour bar says that it clamps them.
-        let most = ValueRange::Quantiles(0.0, 0.99);
-        let panels = panels_with_one_bar((section, args.section.up), &fields, label, most, Scale::Linear)?;
-        rows.extend(panels.chunks(IN_A_ROW).map(<[_]>::to_vec));
-    }
+        let (range, scale) = if low > 0.0 && high > WIDE * low {
+            (ValueRange::Quantiles(0.01, 0.99), Scale::Log)
+        } else {
+            (ValueRange::Quantiles(0.0, 0.99), Scale::Linear)
+        };
+        panels_with_one_bar((section, args.section.up), &fields, label, range, scale)
+    };
+    let harmonic = panels("harmonic energy density", |map| &map.harmonic)?;
+    let deformation = panels("deformation energy density", |map| &map.deformation)?;
+    let rows = if maps.len() > IN_A_ROW {
+        let pairs = harmonic.into_iter().zip(deformation);
+        pairs.map(|(first, second)| vec![first, second]).collect()
+    } else {
+        vec![harmonic, deformation]
+    };
     Ok(Figure::grid(rows))
 }
 

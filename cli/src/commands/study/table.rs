@@ -102,10 +102,10 @@ fn read(path: &Path, header: &[String]) -> anyhow::Result<Vec<Vec<String>>> {
     rows.with_context(|| format!("cannot go on with `{shown}`: name another file, or remove it"))
 }
 
-/// A number that is read again as it was: whole ones without an exponent.
+/// A number that is read again as it was, with an exponent only where it is small or large.
 fn written(value: f64) -> String {
-    if value.fract() == 0.0 && value.abs() < 1e15 {
-        format!("{value:.0}")
+    if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
+        value.to_string()
     } else {
         format!("{value:e}")
     }
