@@ -255,15 +255,8 @@ impl<'a> ChartDrawing<'a> {
                 }
             }
         }
-        let arm = 0.3 * self.area.em;
         for &x in self.chart.missing.iter().filter(|x| x.is_finite()) {
-            let [x, y] = self.place([x, 0.0]);
-            let y = y - 1.6 * arm;
-            let cross = [
-                [[x - arm, y - arm], [x + arm, y + arm]],
-                [[x - arm, y + arm], [x + arm, y - arm]],
-            ];
-            canvas.stroke(&cross, 0.12 * self.area.em, GREY_INK);
+            self.area.draw_missing(canvas, self.place([x, 0.0])[0]);
         }
     }
 }

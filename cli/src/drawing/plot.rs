@@ -1,6 +1,6 @@
 //! The area between the axes of a chart or a histogram.
 
-use super::canvas::{Canvas, INK, RULE, Rgb};
+use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::Ticks;
 
@@ -60,6 +60,17 @@ impl PlotArea {
         }
         let middle = [1.4 * em, (top + bottom) / 2.0];
         text.draw_upward(canvas, &ticks.named(name), middle, Anchor::Middle);
+    }
+
+    /// A cross on the lower edge at the pixel `x`, where a value is missing.
+    pub(super) fn draw_missing(&self, canvas: &mut Canvas, x: f64) {
+        let arm = 0.3 * self.em;
+        let y = self.bottom - 1.6 * arm;
+        let cross = [
+            [[x - arm, y - arm], [x + arm, y + arm]],
+            [[x - arm, y + arm], [x + arm, y - arm]],
+        ];
+        canvas.stroke(&cross, 0.12 * self.em, GREY_INK);
     }
 
     /// Ticks and labels along the lower edge, and `baseline` ems below it the name of the axis; `place` gives the pixel

@@ -171,6 +171,9 @@ impl Common {
     }
 }
 
+/// What a chart has across it, or a curve for each value of.
+type OfSetting = fn(&Setting) -> f64;
+
 fn chart(
     kind: SweepKind,
     charted: &Charted,
@@ -178,7 +181,7 @@ fn chart(
     rows: &[&Row<Setting>],
     across: &str,
 ) -> anyhow::Result<Panel> {
-    let (place, curve_of, name): (fn(&Setting) -> f64, fn(&Setting) -> f64, &str) = match kind {
+    let (place, curve_of, name): (OfSetting, OfSetting, &str) = match kind {
         SweepKind::Placement => (|s| s.parameter, |s| s.s_ratio, "s-ratio"),
         SweepKind::Ratios => (|s| s.s_ratio, |s| s.c_ratio, "c-ratio"),
     };
