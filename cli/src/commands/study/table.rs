@@ -93,7 +93,7 @@ fn read(path: &Path, header: &[String]) -> anyhow::Result<Vec<Vec<String>>> {
     let has_columns = table.headers().is_ok_and(|found| found.iter().eq(header.iter()));
     ensure!(
         has_columns,
-        "`{shown}` is not a table of this study, which would go on with it: name another file, or remove it"
+        "`{shown}` is not a table of this study, and would be overwritten: name another file, or remove it"
     );
     let rows = table
         .records()
