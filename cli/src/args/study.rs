@@ -36,7 +36,7 @@ pub struct StudyPlacementArgs {
     #[command(flatten)]
     pub source: StudySource,
     /// Placements to study, separated by commas
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "sphere,offset,adaptive")]
+    #[arg(long, value_enum, value_delimiter = ',', default_value = ALL_PLACEMENTS)]
     pub placements: Vec<PlacementKind>,
     /// Radii of the spheres, over the domain's diagonal: the paper's R-Ratio, more than 0.5
     #[arg(
@@ -124,6 +124,13 @@ pub struct StudyRatiosArgs {
     #[command(flatten)]
     pub outputs: StudyOutputs,
 }
+
+/// Offset surfaces need CGAL.
+const ALL_PLACEMENTS: &str = if cfg!(feature = "native") {
+    "sphere,offset,adaptive"
+} else {
+    "sphere,adaptive"
+};
 
 const STUDY_HELP: &str = "\
 Every setting is a row of the table; one that cannot be computed has its reason, and makes the exit code 1. The table is
