@@ -138,6 +138,7 @@ fn execute(cli: &Cli, output: &Output) -> anyhow::Result<CommandOutcome> {
         Command::Certify(args) => certify::run(args, output),
         Command::View(args) => view::run(args, output),
         Command::Compare(args) => compare::run(args, cli.threads, output),
+        Command::Study(command) => commands::study::run(command, output),
         Command::CompareWorker(args) => compare::worker::run(args),
         Command::NativeWorker => anyhow::bail!("this solidmap was built without CGAL and TetGen"),
     }

@@ -341,6 +341,24 @@ fn every_field_of_a_report_is_documented_and_written() {
             "sequence ball.ply bent.ply -o seq4 --map bijective --resolution 8 --no-vtu",
         ),
         ("sequence", "sequence both.ply both.ply -o seq3 --resolution 8 --no-vtu"),
+        (
+            "study",
+            "study placement ball.ply bent.ply --placements sphere,offset,adaptive --radius 0.4,1 --offset 0.1 --alpha 1 \
+             --resolution 8 -o study.csv --png study.png --html study.html",
+        ),
+        (
+            "study",
+            "study ratios --boundary p.safetensors --alpha 1 --s-ratio 0.5 --c-ratio 1 --resolution 8",
+        ),
+        (
+            "study boundary",
+            "study boundary bent.ply f03.ply --domain ball.ply --tolerance 0.01 --resolution 8 -o maps.csv --png maps.png \
+             --html maps.html",
+        ),
+        (
+            "study boundary",
+            "study boundary bent.ply --domain ball.ply --memory 1MB",
+        ),
         ("check", "check shell.ply"),
         ("tet", "tet ball.ply -o ball.vtu"),
         ("offset", "offset ball.ply --distance 0.2 -o offset.ply"),

@@ -24,6 +24,7 @@ mod remesh;
 mod reproducible;
 mod sequence;
 mod small_files;
+mod study;
 mod texture;
 mod transfer;
 mod view_page;

@@ -12,6 +12,7 @@ mod polycube;
 mod remesh;
 mod section;
 mod sequence;
+mod study;
 mod texture;
 mod transfer;
 mod values;
@@ -35,6 +36,10 @@ pub use polycube::PolycubeArgs;
 pub use remesh::{RemeshArgs, RepairArgs};
 pub use section::{SectionArgs, UpKind};
 pub use sequence::SequenceArgs;
+pub use study::{
+    DecompositionKind, StudyBoundaryArgs, StudyCommand, StudyOutputs, StudyPlacementArgs, StudyRatiosArgs, StudySource,
+    StudySystemArgs,
+};
 pub use texture::{TextureArgs, TextureOutputArgs, WrapKind};
 pub use transfer::TransferArgs;
 pub use view::{PageArgs, PageSizeArgs, ViewArgs};
@@ -109,6 +114,10 @@ pub enum Command {
     Texture(TextureArgs),
     /// Extend one boundary map by several methods, and measure all maps alike
     Compare(CompareArgs),
+    /// The experiments of Li et al. 2007 on a pair of your own: how errors, energies and conditioning depend on sources,
+    /// collocation points and the boundary map
+    #[command(subcommand)]
+    Study(StudyCommand),
     #[command(hide = true)]
     CompareWorker(CompareWorkerArgs),
     #[command(hide = true)]

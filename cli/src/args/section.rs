@@ -6,8 +6,8 @@ use solidmap::geometry::Axis;
 /// Where pictures cut the domain.
 #[derive(Debug, Args)]
 pub struct SectionArgs {
-    /// Axis perpendicular to the cross-section [default: z; for `sequence` that of the largest
-    /// cross-section]
+    /// Axis perpendicular to the cross-section [default: z; for `sequence` and `study` that of
+    /// the largest cross-section]
     #[arg(long, value_enum)]
     pub axis: Option<AxisKind>,
     /// Axis that points up in pictures

@@ -15,6 +15,7 @@ pub mod offset;
 pub mod polycube;
 pub mod remesh;
 pub mod sequence;
+pub mod study;
 #[cfg(feature = "native")]
 pub mod tet;
 pub mod texture;

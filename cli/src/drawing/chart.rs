@@ -1,8 +1,8 @@
 //! A curve over numbered frames or time.
 
-use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
+use super::canvas::{Canvas, GREY_INK, INK, Rgb, WHITE};
 use super::panel::{LEAST_SIDE, check_size};
-use super::plot::{GRID, PlotArea, TICK, regular};
+use super::plot::{PlotArea, TICK, regular};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::{Ticks, linear_ticks};
 use super::{DrawingError, png};
@@ -229,31 +229,14 @@ impl<'a> ChartDrawing<'a> {
     }
 
     fn draw_axes(&self, canvas: &mut Canvas) {
-        let PlotArea {
-            em,
-            left,
-            top,
-            right,
-            bottom,
-        } = self.area;
-        let text = self.area.text(INK);
         let [across, up] = &self.ticks;
-        for (value, label) in up.positions.iter().zip(&up.labels) {
-            let y = self.place([0.0, *value])[1];
-            if *value > 0.0 {
-                canvas.stroke(&[[[left, y], [right, y]]], 1.0, GRID);
-            }
-            canvas.stroke(&[[[left - TICK * em, y], [left, y]]], 1.0, RULE);
-            let place = [left - (TICK + 0.25) * em, y + text.cap_height() / 2.0];
-            text.draw(canvas, label, place, Anchor::End);
-        }
         let [name_across, name_up] = &self.chart.axes;
+        let height = |value: f64| self.place([0.0, value])[1];
+        self.area.draw_ticks_up(canvas, up, height, name_up);
         let place = |value: f64| self.place([value, 0.0])[0];
         self.area
             .draw_ticks_across(canvas, across, place, name_across, TICK + 2.9);
         self.area.draw_axes(canvas);
-        let place = [1.4 * em, (top + bottom) / 2.0];
-        text.draw_upward(canvas, &up.named(name_up), place, Anchor::Middle);
     }
 
     fn draw_curve(&self, canvas: &mut Canvas) {
@@ -272,15 +255,8 @@ impl<'a> ChartDrawing<'a> {
                 }
             }
         }
-        let arm = 0.3 * self.area.em;
         for &x in self.chart.missing.iter().filter(|x| x.is_finite()) {
-            let [x, y] = self.place([x, 0.0]);
-            let y = y - 1.6 * arm;
-            let cross = [
-                [[x - arm, y - arm], [x + arm, y + arm]],
-                [[x - arm, y + arm], [x + arm, y - arm]],
-            ];
-            canvas.stroke(&cross, 0.12 * self.area.em, GREY_INK);
+            self.area.draw_missing(canvas, self.place([x, 0.0])[0]);
         }
     }
 }

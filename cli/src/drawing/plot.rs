@@ -1,6 +1,6 @@
 //! The area between the axes of a chart or a histogram.
 
-use super::canvas::{Canvas, INK, RULE, Rgb};
+use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::Ticks;
 
@@ -36,6 +36,41 @@ impl PlotArea {
         let corner = [self.left, self.bottom];
         let axes = [[[self.left, self.top], corner], [corner, [self.right, self.bottom]]];
         canvas.stroke(&axes, 1.0, RULE);
+    }
+
+    /// Ticks and labels along the left edge, a line across the area at each, and the name of the axis, which reads upwards;
+    /// `place` gives the pixel of a value.
+    pub(super) fn draw_ticks_up(&self, canvas: &mut Canvas, ticks: &Ticks, place: impl Fn(f64) -> f64, name: &str) {
+        let Self {
+            em,
+            left,
+            top,
+            right,
+            bottom,
+        } = *self;
+        let text = self.text(INK);
+        for (value, label) in ticks.positions.iter().zip(&ticks.labels) {
+            let y = place(*value);
+            if y < bottom {
+                canvas.stroke(&[[[left, y], [right, y]]], 1.0, GRID);
+            }
+            canvas.stroke(&[[[left - TICK * em, y], [left, y]]], 1.0, RULE);
+            let end = [left - (TICK + 0.25) * em, y + text.cap_height() / 2.0];
+            text.draw(canvas, label, end, Anchor::End);
+        }
+        let middle = [1.4 * em, (top + bottom) / 2.0];
+        text.draw_upward(canvas, &ticks.named(name), middle, Anchor::Middle);
+    }
+
+    /// A cross on the lower edge at the pixel `x`, where a value is missing.
+    pub(super) fn draw_missing(&self, canvas: &mut Canvas, x: f64) {
+        let arm = 0.3 * self.em;
+        let y = self.bottom - 1.6 * arm;
+        let cross = [
+            [[x - arm, y - arm], [x + arm, y + arm]],
+            [[x - arm, y + arm], [x + arm, y - arm]],
+        ];
+        canvas.stroke(&cross, 0.12 * self.em, GREY_INK);
     }
 
     /// Ticks and labels along the lower edge, and `baseline` ems below it the name of the axis; `place` gives the pixel

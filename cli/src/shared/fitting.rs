@@ -28,24 +28,33 @@ pub fn fit_in_time(boundary: &BoundaryMap, options: &FitOptions, output: &Output
 
 /// Shows a phase of a fit; `what` is put before it.
 pub fn show_phase(phase: Phase, what: &str, output: &Output) {
-    let step = match phase {
+    match phase {
+        Phase::Factoring { done, of } => output.progress_of(format!("{what}factoring patches"), done, of),
+        Phase::Iterating { iteration, residual } => {
+            let detail = format!("iteration {iteration}, residual {residual:.1e}");
+            output.progress_in(format!("{what}solving"), detail);
+        }
+        other => output.progress(format!("{what}{}", in_words(other))),
+    }
+}
+
+/// Shows that a fit among many is being made, and how far it has come: a log has one line for each of them.
+pub fn show_one_of_many(phase: Phase, what: &str, output: &Output) {
+    output.progress_in(what, in_words(phase));
+}
+
+fn in_words(phase: Phase) -> String {
+    match phase {
         Phase::Checking => "checking".into(),
         Phase::Sampling => "placing sources".into(),
         Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
-        Phase::Factoring { done, of } => {
-            return output.progress_of(format!("{what}factoring patches"), done, of);
-        }
-        Phase::Solving => "solving".into(),
-        Phase::Iterating { iteration, residual } => {
-            let detail = format!("iteration {iteration}, residual {residual:.1e}");
-            return output.progress_in(format!("{what}solving"), detail);
-        }
+        Phase::Factoring { .. } => "factoring patches".into(),
+        Phase::Solving | Phase::Iterating { .. } => "solving".into(),
         Phase::Measuring => "measuring the boundary error".into(),
         Phase::Refining { round, error, sources } => {
             format!("refinement {round}: error {error:.1e}, {sources} sources")
         }
-    };
-    output.progress(format!("{what}{step}"));
+    }
 }
 
 /// The library's options, from the arguments.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::check;
 use solidmap::files::{self, MapFile, Provenance};
+use solidmap::fit::FitError;
 use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::SurfaceMesh;
 
@@ -23,6 +24,18 @@ pub fn read_solid(path: &Path) -> anyhow::Result<SolidMesh> {
 /// A closed surface, or the boundary of a mesh of tetrahedra or hexahedra.
 pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
     Ok(read_solid(path)?.into_surface())
+}
+
+/// Refuses a surface that bounds no solid, of which no method can make a map.
+pub fn require_solvable(domain: &SurfaceMesh, path: &Path) -> anyhow::Result<()> {
+    let report = check::check(domain, None);
+    anyhow::ensure!(
+        report.is_solvable(),
+        "cannot map `{}`: {}",
+        path.display(),
+        FitError::DefectiveDomain(Box::new(report))
+    );
+    Ok(())
 }
 
 /// Where a boundary map comes from.

@@ -26,6 +26,22 @@ pub fn plane_across(axis: Axis, position: f64, solid: &SurfaceMesh) -> AxisPlane
     AxisPlane { axis, position }
 }
 
+/// The cross-section of a solid that was asked for; where no axis was named, the largest of those across each axis.
+pub fn largest_section(asked: &SectionArgs, domain: &SurfaceMesh, pixels: usize) -> anyhow::Result<PlaneSection> {
+    let up = Axis::from(asked.up);
+    let across = |axis| PlaneSection::new(domain, plane_across(axis, asked.position(), domain), up, pixels);
+    if let Some(axis) = asked.axis {
+        return Ok(across(Axis::from(axis))?);
+    }
+    // `max_by` takes the last of equal sections: z before y before x.
+    let sections = [Axis::X, Axis::Y].map(across).into_iter().flatten();
+    let last = across(Axis::Z);
+    let largest = sections
+        .chain(last.iter().cloned())
+        .max_by(|a, b| a.area().total_cmp(&b.area()));
+    Ok(largest.map_or(last, Ok)?)
+}
+
 impl SectionArgs {
     /// Refuses a position outside 0 to 1.
     pub fn require_valid(&self) -> anyhow::Result<()> {
@@ -87,6 +103,28 @@ impl Pictured<'_> {
         let panel = panel(&section, ["distance field of the target", DISTANCE], &distances, range)?;
         Ok(panel.turned_if(self.up.is_upside_down()))
     }
+}
+
+/// Fields by their names on one section, with a common colour bar, at the last.
+pub fn panels_with_one_bar(
+    (section, up): (&PlaneSection, UpKind),
+    fields: &[(String, Vec<f64>)],
+    label: &str,
+    range: ValueRange,
+    scale: Scale,
+) -> anyhow::Result<Vec<Panel>> {
+    let all = fields.iter().flat_map(|(_, values)| values.iter().copied());
+    let bar = ColourBar::new(label, all, range, scale)?;
+    let panel = |(k, (name, values)): (usize, &(String, Vec<f64>))| {
+        let panel = Panel::of_section(section, values, &bar)?;
+        let panel = panel.turned_if(up.is_upside_down()).titled(name);
+        Ok(if k + 1 == fields.len() {
+            panel.with_bar(&bar)
+        } else {
+            panel
+        })
+    };
+    fields.iter().enumerate().map(panel).collect()
 }
 
 /// From 0, the value at the boundary: points that the boundary error puts outside are below, and clamped.

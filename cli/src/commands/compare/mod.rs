@@ -17,10 +17,10 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMapError;
 use solidmap::compare::{ComparedMethod, MapDifference, Reference, outward};
-use solidmap::mesh::SurfaceMesh;
 
 use crate::CommandOutcome;
 use crate::args::{CompareArgs, MapMethod};
+use crate::shared::input;
 use crate::shared::interrupt;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::made_folder::MadeFolder;
@@ -94,7 +94,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
         Err(error) if error.is::<BoundaryMapError>() => return none_possible(args, &error, output),
         read => outward(read?)?,
     };
-    require_solvable(boundary.domain(), source.domain())?;
+    input::require_solvable(boundary.domain(), source.domain())?;
     let _made = args.out.as_deref().map(MadeFolder::new).transpose()?;
     if let Some(folder) = &args.out {
         // Fails before the work, not after it. The file has no name, and is gone when it is dropped.
@@ -253,18 +253,6 @@ fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
             "--mesh-size is {size}, but must be a positive fraction of the domain's diagonal"
         );
     }
-    Ok(())
-}
-
-/// Refuses a surface that bounds no solid, of which no method can make a map.
-fn require_solvable(domain: &SurfaceMesh, path: &Path) -> anyhow::Result<()> {
-    let report = solidmap::check::check(domain, None);
-    ensure!(
-        report.is_solvable(),
-        "cannot map `{}`: {}",
-        path.display(),
-        solidmap::fit::FitError::DefectiveDomain(Box::new(report))
-    );
     Ok(())
 }
 

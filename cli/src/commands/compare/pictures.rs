@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use crate::args::UpKind;
-use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange};
+use crate::drawing::{Figure, Scale, ValueRange};
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
@@ -13,6 +12,7 @@ use super::Comparison;
 use super::job::{SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS, SectionView};
 use super::runner::Runner;
 use crate::shared::output::write_file;
+use crate::shared::pictures::panels_with_one_bar;
 
 /// The cross-section of the domain that all maps are shown on.
 pub fn section(view: SectionView, boundary: &BoundaryMap) -> anyhow::Result<PlaneSection> {
@@ -53,7 +53,7 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     }
     let up = runner.args.measure.section.up;
     let most = ValueRange::Quantiles(0.0, 0.99);
-    let mut rows = vec![panels(
+    let mut rows = vec![panels_with_one_bar(
         (section, up),
         &densities,
         "harmonic energy density",
@@ -62,7 +62,7 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     )?];
     if !distances.is_empty() {
         let range = ValueRange::Fixed(1e-6, 1e-2);
-        rows.push(panels(
+        rows.push(panels_with_one_bar(
             (section, up),
             &distances,
             "distance to the reference / diagonal",
@@ -73,28 +73,6 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     let png = Figure::grid(rows).titled("One boundary map, every method").to_png()?;
     write_file(path, &png)?;
     Ok(true)
-}
-
-/// Panels with a common colour bar, at the last.
-fn panels(
-    (section, up): (&PlaneSection, UpKind),
-    fields: &[(String, Vec<f64>)],
-    label: &str,
-    range: ValueRange,
-    scale: Scale,
-) -> anyhow::Result<Vec<Panel>> {
-    let all = fields.iter().flat_map(|(_, values)| values.iter().copied());
-    let bar = ColourBar::new(label, all, range, scale)?;
-    let panel = |(k, (name, values)): (usize, &(String, Vec<f64>))| {
-        let panel = Panel::of_section(section, values, &bar)?;
-        let panel = panel.turned_if(up.is_upside_down()).titled(name);
-        Ok(if k + 1 == fields.len() {
-            panel.with_bar(&bar)
-        } else {
-            panel
-        })
-    };
-    fields.iter().enumerate().map(panel).collect()
 }
 
 fn read_points(path: &Path, section: &PlaneSection) -> Option<Vec<Point>> {

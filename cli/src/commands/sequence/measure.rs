@@ -6,38 +6,21 @@ use std::time::Instant;
 
 use anyhow::ensure;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::geometry::{Axis, PlaneSection};
-use solidmap::mesh::SurfaceMesh;
+use solidmap::geometry::PlaneSection;
 use solidmap::sequence::{CycleError, Cycles, FilledReference, FrameMeasurement, Sequence, SequencePhase, cycles};
 
 use super::series::{Material, Series};
 use super::summary::{FrameRow, MeasuredRow, SequenceTimings};
-use crate::args::{SectionArgs, SequenceArgs};
+use crate::args::SequenceArgs;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::show_phase;
 use crate::shared::input;
 use crate::shared::output::{Output, describe, with_option_names};
-use crate::shared::pictures::plane_across;
+use crate::shared::pictures::largest_section;
 use crate::shared::remeshing;
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 480;
-
-/// The cross-section that was asked for; where no axis was named, the largest of those across each axis.
-fn section(asked: &SectionArgs, domain: &SurfaceMesh) -> anyhow::Result<PlaneSection> {
-    let up = Axis::from(asked.up);
-    let across = |axis| PlaneSection::new(domain, plane_across(axis, asked.position(), domain), up, SECTION_PIXELS);
-    if let Some(axis) = asked.axis {
-        return Ok(across(Axis::from(axis))?);
-    }
-    // `max_by` takes the last of equal sections: z before y before x.
-    let sections = [Axis::X, Axis::Y].map(across).into_iter().flatten();
-    let last = across(Axis::Z);
-    let largest = sections
-        .chain(last.iter().cloned())
-        .max_by(|a, b| a.area().total_cmp(&b.area()));
-    Ok(largest.map_or(last, Ok)?)
-}
 
 /// What is gathered from all blocks: rows, and densities on the section of the frames to be shown.
 pub struct Measurement<'a> {
@@ -70,7 +53,7 @@ impl<'a> Measurement<'a> {
         filled: Option<FilledReference<'static>>,
         output: &'a Output,
     ) -> anyhow::Result<Self> {
-        let section = section(&args.section, sequence.domain())?;
+        let section = largest_section(&args.section, sequence.domain(), SECTION_PIXELS)?;
         let series = (!args.no_vtu)
             .then(|| Series::new(folder, sequence.domain()))
             .transpose()?;

@@ -28,7 +28,7 @@ pub const STYLE: &str = include_str!("assets/page.css");
 pub const START: &str = include_str!("assets/start.js");
 
 /// The modules; the last one is started.
-pub const MODULES: [Module; 16] = [
+pub const MODULES: [Module; 17] = [
     Module {
         name: "three/core",
         text: include_str!("three/three.core.min.js"),
@@ -88,6 +88,10 @@ pub const MODULES: [Module; 16] = [
     Module {
         name: "page/boundary",
         text: include_str!("assets/boundary.js"),
+    },
+    Module {
+        name: "page/study",
+        text: include_str!("assets/study.js"),
     },
     Module {
         name: "page/main",

@@ -5,14 +5,17 @@ import { about } from 'page/elements';
 import { showBoundary } from 'page/boundary';
 import { showMap } from 'page/map';
 import { showMesh } from 'page/mesh';
+import { showStudy } from 'page/study';
 
-const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh };
+const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh, study: showStudy };
+/** What is shown without WebGL. */
+const FLAT = ['study'];
 
 /** Shows the page. */
 export async function start(data, unpack, say) {
   const page = document.getElementById('page');
   page.append(about(data));
-  if (!document.createElement('canvas').getContext('webgl2')) {
+  if (!FLAT.includes(data.kind) && !document.createElement('canvas').getContext('webgl2')) {
     throw new Error('this browser has no WebGL 2, or it is switched off. The numbers are below.');
   }
   say('');
