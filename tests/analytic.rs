@@ -274,7 +274,7 @@ fn smooth_data_need_few_sources_whatever_the_tolerance() {
                 let fit = fitted(&boundary, &options);
                 assert!(fit.report.sources < 300 && fit.report.sources == fit.map.sources().len());
                 assert!(options.is_met_by(&fit.report));
-                let points = interior_points(&domain, 500);
+                let points = interior_points(&domain, 500, 7);
                 let error = largest_distance(
                     &fit.map.evaluate(&points),
                     &points.iter().map(function).collect::<Vec<_>>(),

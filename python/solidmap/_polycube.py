@@ -286,7 +286,7 @@ def hexmesh(
     max_distance : float
         Farthest that a vertex of the model may be from the mesh, as a fraction of the model's diagonal.
     max_vertices : int
-        Largest surface that is deformed as it is; one without handles that has more vertices is simplified first.
+        Largest surface that is deformed as it is; one of genus 0 or 1 that has more vertices is simplified first.
     worst : int
         How many of the worst places are listed.
     progress : bool or callable, optional
