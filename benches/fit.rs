@@ -5,7 +5,7 @@ use solidmap::boundary_map::{BoundaryMap, examples};
 use solidmap::energy::{AdaptiveOptions, EnergyOptions, GridResolution, adaptive_energies, clipped_grid, energies};
 use solidmap::fit::{DomainFactor, FitMethod, FitOptions, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
-use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::solver::{Decomposition, DenseOptions};
 use solidmap::{Point, Vector};
 
@@ -62,6 +62,36 @@ pub fn whole(criterion: &mut Criterion) {
         group.throughput(Throughput::Elements(vertices as u64));
         group.bench_function(BenchmarkId::new("schwarz", vertices), |b| {
             b.iter(|| fit(&pair, &FitOptions::default(), &|_| {}));
+        });
+    }
+    group.finish();
+}
+
+/// Boundary values that are harmonic polynomials, at all points of the triangles, to several tolerances.
+pub fn smooth(criterion: &mut Criterion) {
+    let polynomials = |p: &Point| {
+        Point::new(
+            p.x * p.x - p.y * p.y + p.z,
+            p.x * p.y * p.z + p.y,
+            p.x.powi(3) - 3.0 * p.x * p.z * p.z,
+        )
+    };
+    let mut group = criterion.benchmark_group("fit/smooth");
+    group.sample_size(10);
+    let domain = shapes::bumpy_sphere(FREQUENCIES[2]);
+    let places: Vec<Point> = domain.vertices().iter().map(polynomials).collect();
+    let image = SurfaceMesh::new(places, domain.triangles().to_vec()).expect("the same triangles");
+    let bounds = image.bounding_box().expect("it has vertices");
+    let surface = domain.clone();
+    let value = move |p: &SurfacePoint| polynomials(&p.position(&surface, surface.vertices()));
+    let pair = BoundaryMap::by_function(domain, bounds, value).expect("it is finite");
+    for tolerance in [1e-3, 1e-4, 1e-5, 1e-6] {
+        let options = FitOptions {
+            tolerance,
+            ..FitOptions::default()
+        };
+        group.bench_function(BenchmarkId::new("tolerance", tolerance), |b| {
+            b.iter(|| fit(&pair, &options, &|_| {}));
         });
     }
     group.finish();

@@ -21,6 +21,7 @@ criterion_group!(
     baseline::mean_values,
     boundary::sphere,
     fit::whole,
+    fit::smooth,
     fit::factor,
     fit::solve,
     fit::frames,

@@ -155,25 +155,29 @@ fn voxels_are_a_polycube_too_and_a_mesh_that_misses_a_part_of_the_model_is_no_su
     );
     assert!(place.path("v.vtu").exists());
     place.fails(&format!("{line} --max-distance 0"), &["--max-distance"]);
-    let torus = solidmap::mesh::shapes::polycube(
-        &[
-            [0, 0, 0],
-            [1, 0, 0],
-            [2, 0, 0],
-            [2, 1, 0],
-            [2, 2, 0],
-            [1, 2, 0],
-            [0, 2, 0],
-            [0, 1, 0],
-        ],
-        1,
-    );
-    place.surface("ring.obj", &torus);
+    let ring = [
+        [0, 0, 0],
+        [1, 0, 0],
+        [2, 0, 0],
+        [2, 1, 0],
+        [2, 2, 0],
+        [1, 2, 0],
+        [0, 2, 0],
+        [0, 1, 0],
+    ];
+    let second = [[3, 0, 0], [4, 0, 0], [4, 1, 0], [4, 2, 0], [3, 2, 0]];
+    let place_of = |name: &str, voxels: &[[i32; 3]]| {
+        place.surface(name, &solidmap::mesh::shapes::polycube(voxels, 1));
+    };
+    place_of("ring.obj", &ring);
+    place_of("rings.obj", &[ring.as_slice(), &second].concat());
     if cfg!(feature = "native") {
         place.fails(
-            "hexmesh ring.obj -o r.vtu --polycube voxels",
-            &["ring.obj", "without handles", "genus 1"],
+            "hexmesh rings.obj -o r.vtu --polycube voxels",
+            &["rings.obj", "one handle", "genus 2"],
         );
+        let report = place.report(0, "hexmesh ring.obj -o r.vtu --polycube voxels --cells 15 --json");
+        assert!(report["voxels"]["voxels"].as_u64() > Some(8) && report["mesh"]["inverted_cells"] == 0);
     }
 }
 

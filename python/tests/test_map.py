@@ -203,7 +203,7 @@ def test_the_settings_of_the_paper_are_a_dense_decomposition(images, ball):
     by_sphere = solidmap.fit(ball, images=images, radius=1.0, tolerance=0.5)
     assert by_sphere.report.method == "dense-svd" and "sphere" in by_sphere.report.placement
     assert solidmap.fit(ball, images=images, method="dense").report.method == "dense-qr"
-    assert solidmap.fit(ball, images=images, s_ratio=0.5).report.sources == 321
+    assert solidmap.fit(ball, images=images, method="dense", s_ratio=0.5).report.sources == 321
 
 
 def test_reports_read_like_the_program_and_are_dictionaries(f):
