@@ -34,7 +34,7 @@ pub use hexmesh::HexmeshArgs;
 pub use map::{CertifyArgs, EnergyArgs, EvalArgs};
 pub use polycube::PolycubeArgs;
 pub use remesh::{RemeshArgs, RepairArgs};
-pub use section::{SectionArgs, UpKind};
+pub use section::{ColoursKind, SectionArgs, UpKind};
 pub use sequence::SequenceArgs;
 pub use study::{
     DecompositionKind, StudyBoundaryArgs, StudyCommand, StudyOutputs, StudyPlacementArgs, StudyRatiosArgs, StudySource,

@@ -17,6 +17,18 @@ pub struct SectionArgs {
     /// `certify` through the worst place]
     #[arg(long, value_name = "FRACTION")]
     pub position: Option<f64>,
+    /// Colours of amounts
+    #[arg(long, value_enum, default_value_t = ColoursKind::Viridis)]
+    pub colours: ColoursKind,
+}
+
+/// The colours of amounts in pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ColoursKind {
+    /// Equal steps look equal, also to colour-blind readers
+    Viridis,
+    /// The paper's: from blue to red
+    Rainbow,
 }
 
 impl SectionArgs {

@@ -17,7 +17,7 @@ use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSo
 
 use crate::CommandOutcome;
 use crate::args::{DemoArgs, PageArgs, UpKind};
-use crate::drawing::{Align, Camera, Edges, Figure, Panel, Shading, SurfaceStyle, Table};
+use crate::drawing::{Align, Camera, Colours, Edges, Figure, Panel, Shading, SurfaceStyle, Table};
 use crate::shared::chosen_map::ChosenMap;
 use crate::shared::fitting::fit_with_progress;
 use crate::shared::json::FileName;
@@ -168,6 +168,7 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         target: &target,
         options,
         up: pair.up,
+        colours: Colours::default(),
     };
     let mut panels = pictured.section(plane_across(pair.section, 0.5, domain), SECTION_PIXELS)?;
     panels.push(pictured.target_section(plane_across(pair.section, 0.5, &target), SECTION_PIXELS)?);

@@ -125,6 +125,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             target: &target,
             options,
             up: args.section.up,
+            colours: args.section.colours(),
         };
         let panels = pictured.section(args.section.plane(boundary.domain()), SECTION_PIXELS)?;
         write_file(path, &Figure::row(panels).to_png()?)?;

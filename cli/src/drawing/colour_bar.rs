@@ -1,7 +1,7 @@
 //! Drawing a colour bar: the ramp, its ticks, its name, and marks for values beyond its ends.
 
 use super::canvas::{Canvas, GREY_INK, INK, RULE};
-use super::colour_map::{ColourBar, Scale, rainbow};
+use super::colour_map::{ColourBar, Scale};
 use super::number::typeset;
 use super::plot::regular;
 use super::text::{Anchor, TextStyle};
@@ -113,7 +113,7 @@ impl<'a> BarLayout<'a> {
         }
     }
 
-    /// The ramp, red end up; an end with values beyond it has a pointed tip.
+    /// The ramp, high values up; an end with values beyond it has a pointed tip.
     fn draw_ramp(&self, canvas: &mut Canvas, left: f64, top: f64) {
         let [upper, lower] = self.tips();
         let width = (RAMP * self.em).round();
@@ -121,7 +121,7 @@ impl<'a> BarLayout<'a> {
         for row in 0..rows as i64 {
             let depth = row as f64 + 0.5;
             let share = (depth / upper).min((rows - depth) / lower).min(1.0);
-            let colour = rainbow(1.0 - (depth - upper) / (rows - upper - lower));
+            let colour = self.bar.colours().at(1.0 - (depth - upper) / (rows - upper - lower));
             for column in 0..width as i64 {
                 let from_middle = (column as f64 + 0.5 - width / 2.0).abs();
                 let covered = (share * width / 2.0 - from_middle + 0.5).clamp(0.0, 1.0);

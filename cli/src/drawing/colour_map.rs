@@ -5,10 +5,38 @@ use solidmap::statistics::quantiles;
 /// The colour of NaN.
 pub(super) const NO_VALUE: Rgb = [160, 160, 160];
 
+/// Which colours a bar has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Colours {
+    /// For amounts: viridis (Smith, van der Walt 2015), in which equal steps look equal, also to colour-blind readers.
+    #[default]
+    Amount,
+    /// For qualities: viridis from its other end, so that bad ones are bright.
+    Quality,
+    /// For ratios, with 1 in the middle of the bar: brown, white, blue-green.
+    Ratio,
+    /// The scheme of the paper's figures. Its steps do not look equal: edges appear where colours change fast, not values.
+    Rainbow,
+}
+
+impl Colours {
+    /// The colour at a fraction of the bar; fractions outside `[0, 1]` are clamped.
+    pub fn at(self, fraction: f64) -> Rgb {
+        let t = fraction.clamp(0.0, 1.0);
+        let of = |gradient: colorous::Gradient, t: f64| gradient.eval_continuous(t).as_array();
+        match self {
+            Self::Amount => of(colorous::VIRIDIS, t),
+            Self::Quality => of(colorous::VIRIDIS, 1.0 - t),
+            Self::Ratio => of(colorous::BROWN_GREEN, t),
+            Self::Rainbow => rainbow(t),
+        }
+    }
+}
+
 /// The classic rainbow from blue at 0 through cyan, green and yellow to red at 1: hue falls from 240° to 0° at full
 /// saturation. The scheme of the paper's figures, "red represents maximum while blue represents minimum". Fractions
 /// outside `[0, 1]` are clamped.
-pub fn rainbow(fraction: f64) -> Rgb {
+fn rainbow(fraction: f64) -> Rgb {
     let t = 4.0 * fraction.clamp(0.0, 1.0);
     let rising = |from: f64| (255.0 * (t - from).clamp(0.0, 1.0)).round() as u8;
     [rising(2.0), rising(0.0) - rising(3.0), 255 - rising(1.0)]
@@ -41,6 +69,7 @@ pub enum ValueRange {
 pub struct ColourBar {
     label: String,
     scale: Scale,
+    colours: Colours,
     low: f64,
     high: f64,
     data_low: f64,
@@ -53,7 +82,7 @@ impl ColourBar {
     /// panels to give them one bar. Values that are not finite do not count.
     ///
     /// When all values agree to nine digits the bar is widened about them, so that rounding errors are not painted
-    /// from blue to red.
+    /// in all colours.
     ///
     /// # Errors
     ///
@@ -93,6 +122,7 @@ impl ColourBar {
         Ok(Self {
             label,
             scale,
+            colours: Colours::default(),
             low,
             high,
             data_low,
@@ -101,7 +131,12 @@ impl ColourBar {
         })
     }
 
-    /// The values at the blue and at the red end.
+    /// The same bar in other colours.
+    pub fn in_colours(self, colours: Colours) -> Self {
+        Self { colours, ..self }
+    }
+
+    /// The values at the lower and at the upper end.
     pub fn range(&self) -> (f64, f64) {
         (self.low, self.high)
     }
@@ -111,10 +146,10 @@ impl ColourBar {
         if value.is_nan() {
             return NO_VALUE;
         }
-        rainbow(self.fraction(value))
+        self.colours.at(self.fraction(value))
     }
 
-    /// The position of a value along the bar: 0 at the blue end, 1 at the red end, outside `[0, 1]` beyond them.
+    /// The position of a value along the bar: 0 at the lower end, 1 at the upper end, outside `[0, 1]` beyond them.
     pub(super) fn fraction(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
@@ -126,6 +161,10 @@ impl ColourBar {
 
     pub(super) fn label(&self) -> &str {
         &self.label
+    }
+
+    pub(super) fn colours(&self) -> Colours {
+        self.colours
     }
 
     pub(super) fn scale(&self) -> Scale {
@@ -201,6 +240,37 @@ mod tests {
         assert!(hues.windows(2).all(|pair| pair[1] < pair[0]));
     }
 
+    /// Lightness (CIE L*) of an sRGB colour.
+    fn lightness(colour: Rgb) -> f64 {
+        let linear = colour.map(|c| {
+            let c = f64::from(c) / 255.0;
+            if c <= 0.04045 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
+        });
+        let y: f64 = linear.iter().zip([0.2126, 0.7152, 0.0722]).map(|(c, w)| c * w).sum();
+        if y > 0.008856 {
+            116.0 * y.cbrt() - 16.0
+        } else {
+            903.3 * y
+        }
+    }
+
+    #[test]
+    fn amounts_grow_lighter_qualities_darker_and_ratios_are_lightest_in_the_middle() {
+        let of =
+            |colours: Colours| -> Vec<f64> { (0..=64).map(|k| lightness(colours.at(f64::from(k) / 64.0))).collect() };
+        let grows = |values: &[f64]| values.windows(2).all(|pair| pair[1] > pair[0]);
+        let (amount, mut quality, ratio) = (of(Colours::Amount), of(Colours::Quality), of(Colours::Ratio));
+        assert!(grows(&amount) && amount[64] - amount[0] > 60.0);
+        quality.reverse();
+        assert_eq!(quality, amount);
+        assert!(grows(&ratio[..33]) && ratio[32..].windows(2).all(|pair| pair[1] < pair[0]));
+        assert!(!grows(&of(Colours::Rainbow)));
+    }
+
     #[test]
     fn ranges_are_full_fixed_or_by_quantile() {
         let values = || (0..=100).map(f64::from).chain([f64::NAN, f64::INFINITY]);
@@ -214,8 +284,8 @@ mod tests {
     #[test]
     fn values_beyond_the_range_clamp_and_nan_is_grey() {
         let bar = ColourBar::new("v", [1.0, 2.0], ValueRange::Full, Scale::Linear).unwrap();
-        assert_eq!(bar.colour(f64::NEG_INFINITY), [0, 0, 255]);
-        assert_eq!(bar.colour(9.0), [255, 0, 0]);
+        assert_eq!(bar.colour(f64::NEG_INFINITY), bar.colour(1.0));
+        assert_eq!(bar.colour(9.0), bar.colour(2.0));
         assert_eq!(bar.colour(f64::NAN), NO_VALUE);
     }
 
@@ -223,6 +293,7 @@ mod tests {
     fn the_middle_of_a_logarithmic_bar_is_the_geometric_mean() {
         let bar = ColourBar::new("v", [1e-6, 0.0, -3.0, 1e2], ValueRange::Full, Scale::Log).unwrap();
         assert_eq!(bar.range(), (1e-6, 1e2));
+        let bar = bar.in_colours(Colours::Rainbow);
         assert_eq!(bar.colour(1e-2), [0, 255, 0]);
         assert_eq!(bar.colour(0.0), [0, 0, 255]);
     }

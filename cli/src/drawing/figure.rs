@@ -361,7 +361,7 @@ fn draw_axes(canvas: &mut Canvas, style: &TextSizes, axes: &[PanelAxis; 2], [x, 
 #[cfg(test)]
 mod tests {
     use super::super::png::decode;
-    use super::super::{Camera, Scale, SurfaceStyle, ValueRange};
+    use super::super::{Camera, Colours, Scale, SurfaceStyle, ValueRange};
     use super::*;
     use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
     use solidmap::mesh::shapes;
@@ -375,6 +375,7 @@ mod tests {
         let section = PlaneSection::new(&shapes::sphere(1.0, 4), plane, Axis::Z, 200).unwrap();
         let values: Vec<f64> = section.points().iter().map(|p| p.x).collect();
         let bar = ColourBar::new("x", [-1.0, 1.0], ValueRange::Full, Scale::Linear).unwrap();
+        let bar = bar.in_colours(Colours::Rainbow);
         (section, values, bar)
     }
 

@@ -43,7 +43,7 @@ mod ticks;
 pub use canvas::Rgb;
 pub use chart::Chart;
 pub use checker::{Checker, Pattern};
-pub use colour_map::{ColourBar, Scale, ValueRange, rainbow};
+pub use colour_map::{ColourBar, Colours, Scale, ValueRange};
 pub use figure::Figure;
 pub use histogram::Histogram;
 pub use line_chart::{Curve, LineChart};

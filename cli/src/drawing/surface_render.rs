@@ -411,7 +411,7 @@ fn shaded(scene: &Scene, face: &Face, weights: [f64; 3], faces_viewer: bool, on_
 
 #[cfg(test)]
 mod tests {
-    use super::super::colour_map::{Scale, ValueRange};
+    use super::super::colour_map::{Colours, Scale, ValueRange};
     use super::*;
     use solidmap::mesh::shapes;
 
@@ -467,6 +467,7 @@ mod tests {
         let near = shapes::deformed(&shapes::cube(1.0, 1), |p| p - 3.0 * Vector::y());
         let far = shapes::cube(1.0, 1);
         let bar = ColourBar::new("part", [0.0, 1.0], ValueRange::Full, Scale::Linear).unwrap();
+        let bar = bar.in_colours(Colours::Rainbow);
         for (first, second, values) in [(&near, &far, [1.0, 0.0]), (&far, &near, [0.0, 1.0])] {
             let count = first.triangles().len();
             let values = values.iter().flat_map(|v| std::iter::repeat_n(*v, count)).collect();
@@ -484,6 +485,7 @@ mod tests {
     fn a_vertex_field_runs_from_left_to_right() {
         let cube = shapes::cube(1.0, 2);
         let bar = ColourBar::new("x", [-0.5, 0.5], ValueRange::Full, Scale::Linear).unwrap();
+        let bar = bar.in_colours(Colours::Rainbow);
         let values = cube.vertices().iter().map(|p| p.x).collect();
         let style = SurfaceStyle {
             colour: SurfaceColour::PerVertex(values, bar),

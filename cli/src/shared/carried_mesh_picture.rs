@@ -2,7 +2,8 @@
 //! distributed.
 
 use crate::drawing::{
-    Camera, ColourBar, Edges, Figure, Histogram, Panel, Scale, Shading, SurfaceColour, SurfaceStyle, ValueRange,
+    Camera, ColourBar, Colours, Edges, Figure, Histogram, Panel, Scale, Shading, SurfaceColour, SurfaceStyle,
+    ValueRange,
 };
 use solidmap::geometry::Axis;
 use solidmap::mesh::SurfaceMesh;
@@ -60,7 +61,8 @@ pub fn figure(remeshed: &Remeshed, now: &str, ups: [UpKind; 2]) -> anyhow::Resul
         qualities[2].iter().copied(),
         ValueRange::Fixed(0.0, 1.0),
         Scale::Linear,
-    )?;
+    )?
+    .in_colours(Colours::Quality);
     let cameras = [&of_domain, &front, &front];
     let [domain, as_mapped, repaired] = [0, 1, 2].map(|k| view(&open, places[k], &qualities[k], &bar, cameras[k]));
     let [from_front, from_behind] = [&front, &back].map(|camera| view(&whole, places[2], &qualities[2], &bar, camera));

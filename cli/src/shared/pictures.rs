@@ -6,8 +6,8 @@ use solidmap::geometry::{Axis, AxisPlane, PlaneSection, distance_field};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
 
-use crate::args::{SectionArgs, UpKind};
-use crate::drawing::{ColourBar, Panel, Scale, ValueRange};
+use crate::args::{ColoursKind, SectionArgs, UpKind};
+use crate::drawing::{ColourBar, Colours, Panel, Scale, ValueRange};
 
 /// Refuses a position of a section outside 0 to 1.
 pub fn require_position(position: f64) -> anyhow::Result<()> {
@@ -48,6 +48,14 @@ impl SectionArgs {
         require_position(self.position())
     }
 
+    /// The colours of amounts.
+    pub fn colours(&self) -> Colours {
+        match self.colours {
+            ColoursKind::Viridis => Colours::Amount,
+            ColoursKind::Rainbow => Colours::Rainbow,
+        }
+    }
+
     /// The plane through a solid.
     pub fn plane(&self, solid: &SurfaceMesh) -> AxisPlane {
         plane_across(self.axis.map_or(Axis::Z, Axis::from), self.position(), solid)
@@ -69,6 +77,8 @@ pub struct Pictured<'a> {
     pub options: EnergyOptions,
     /// What points up in pictures.
     pub up: UpKind,
+    /// The colours of what is pictured.
+    pub colours: Colours,
 }
 
 impl Pictured<'_> {
@@ -89,9 +99,11 @@ impl Pictured<'_> {
         ];
         fields
             .iter()
-            .map(
-                |(name, values, range)| Ok(panel(&section, *name, values, *range)?.turned_if(self.up.is_upside_down())),
-            )
+            .map(|(name, values, range)| {
+                Ok(self
+                    .panel(&section, *name, values, *range)?
+                    .turned_if(self.up.is_upside_down()))
+            })
             .collect()
     }
 
@@ -100,24 +112,35 @@ impl Pictured<'_> {
         let section = PlaneSection::new(self.target, plane, self.up.into(), pixels)?;
         let distances = distance_field(self.target, section.points())?;
         let range = from_zero(&distances);
-        let panel = panel(&section, ["distance field of the target", DISTANCE], &distances, range)?;
+        let panel = self.panel(&section, ["distance field of the target", DISTANCE], &distances, range)?;
         Ok(panel.turned_if(self.up.is_upside_down()))
+    }
+
+    fn panel(
+        &self,
+        section: &PlaneSection,
+        [name, label]: [&str; 2],
+        values: &[f64],
+        range: ValueRange,
+    ) -> anyhow::Result<Panel> {
+        let bar = ColourBar::new(label, values.iter().copied(), range, Scale::Linear)?.in_colours(self.colours);
+        Ok(Panel::of_section(section, values, &bar)?.titled(name).with_bar(&bar))
     }
 }
 
-/// Fields by their names on one section, with a common colour bar, at the last.
+/// Fields by their names on one section, with a common colour bar, at the last. `asked` says what points up, and the colours.
 pub fn panels_with_one_bar(
-    (section, up): (&PlaneSection, UpKind),
+    (section, asked): (&PlaneSection, &SectionArgs),
     fields: &[(String, Vec<f64>)],
     label: &str,
     range: ValueRange,
     scale: Scale,
 ) -> anyhow::Result<Vec<Panel>> {
     let all = fields.iter().flat_map(|(_, values)| values.iter().copied());
-    let bar = ColourBar::new(label, all, range, scale)?;
+    let bar = ColourBar::new(label, all, range, scale)?.in_colours(asked.colours());
     let panel = |(k, (name, values)): (usize, &(String, Vec<f64>))| {
         let panel = Panel::of_section(section, values, &bar)?;
-        let panel = panel.turned_if(up.is_upside_down()).titled(name);
+        let panel = panel.turned_if(asked.up.is_upside_down()).titled(name);
         Ok(if k + 1 == fields.len() {
             panel.with_bar(&bar)
         } else {
@@ -130,9 +153,4 @@ pub fn panels_with_one_bar(
 /// From 0, the value at the boundary: points that the boundary error puts outside are below, and clamped.
 fn from_zero(distances: &[f64]) -> ValueRange {
     ValueRange::Fixed(0.0, distances.iter().copied().fold(0.0, f64::max).max(f64::EPSILON))
-}
-
-fn panel(section: &PlaneSection, [name, label]: [&str; 2], values: &[f64], range: ValueRange) -> anyhow::Result<Panel> {
-    let bar = ColourBar::new(label, values.iter().copied(), range, Scale::Linear)?;
-    Ok(Panel::of_section(section, values, &bar)?.titled(name).with_bar(&bar))
 }

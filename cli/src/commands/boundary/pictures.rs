@@ -1,7 +1,7 @@
 //! Pictures of boundary maps: one pattern on the domain and on its image, and where the map distorts.
 
 use crate::drawing::{
-    Camera, Checker, ColourBar, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
+    Camera, Checker, ColourBar, Colours, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
 };
 use solidmap::boundary_map::check::{BoundaryCheck, ComparedWith};
 use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
@@ -225,7 +225,8 @@ fn area_bar(ratios: &[f64], weights: &[f64]) -> anyhow::Result<ColourBar> {
         ratios.iter().copied(),
         ValueRange::Fixed(1.0 / most, most),
         Scale::Log,
-    )?)
+    )?
+    .in_colours(Colours::Ratio))
 }
 
 fn areas(mesh: &SurfaceMesh) -> Vec<f64> {

@@ -20,7 +20,7 @@ use solidmap::worst_places::{PlaceKind, WorstPlace};
 
 use crate::CommandOutcome;
 use crate::args::{CertifyArgs, SectionArgs};
-use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange, significant};
+use crate::drawing::{ColourBar, Colours, Figure, Panel, Scale, ValueRange, significant};
 use crate::shared::chosen_map::{ChosenMap, MapName};
 use crate::shared::input;
 use crate::shared::json::FileName;
@@ -169,7 +169,7 @@ impl Pictured<'_> {
             }
         }
         panels.insert(0, whole);
-        panels.extend(bounds(self.certificate, &section)?);
+        panels.extend(bounds(self.certificate, &section, args.colours())?);
         let turned = panels
             .into_iter()
             .map(|panel| panel.turned_if(args.up.is_upside_down()));
@@ -249,11 +249,13 @@ fn verdicts(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result
     };
     let verdicts: Vec<f64> = section.points().iter().map(verdict).collect();
     let colours = ColourBar::new("verdict", [0.0, 1.0], ValueRange::Full, Scale::Linear)?;
+    // Blue and red.
+    let colours = colours.in_colours(Colours::Rainbow);
     Ok(Panel::of_section(section, &verdicts, &colours)?)
 }
 
 /// Lower bounds of the least singular value on a section; none where nothing is decided.
-fn bounds(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result<Option<Panel>> {
+fn bounds(certificate: &Certificate, section: &PlaneSection, colours: Colours) -> anyhow::Result<Option<Panel>> {
     let leaves: Vec<_> = section.points().iter().map(|p| certificate.cell_at(p)).collect();
     let bounds: Vec<f64> = leaves
         .iter()
@@ -264,7 +266,7 @@ fn bounds(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result<O
         return Ok(None);
     }
     let range = ValueRange::Quantiles(0.01, 1.0);
-    let bar = ColourBar::new("lower bound", bounds.iter().copied(), range, Scale::Log)?;
+    let bar = ColourBar::new("lower bound", bounds.iter().copied(), range, Scale::Log)?.in_colours(colours);
     let panel = Panel::of_section(section, &bounds, &bar)?
         .titled("Least singular value of J, proved")
         .with_bar(&bar);

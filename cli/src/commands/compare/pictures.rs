@@ -51,10 +51,10 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     if densities.is_empty() {
         return Ok(false);
     }
-    let up = runner.args.measure.section.up;
+    let asked = &runner.args.measure.section;
     let most = ValueRange::Quantiles(0.0, 0.99);
     let mut rows = vec![panels_with_one_bar(
-        (section, up),
+        (section, asked),
         &densities,
         "harmonic energy density",
         most,
@@ -63,7 +63,7 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     if !distances.is_empty() {
         let range = ValueRange::Fixed(1e-6, 1e-2);
         rows.push(panels_with_one_bar(
-            (section, up),
+            (section, asked),
             &distances,
             "distance to the reference / diagonal",
             range,

@@ -137,7 +137,7 @@ impl Measurement<'_> {
             .range()
             .1;
         let range = ValueRange::Fixed(0.0, most.max(self.sequence.resolution_of_energy()));
-        let bar = ColourBar::new(DENSITY, all, range, Scale::Linear)?;
+        let bar = ColourBar::new(DENSITY, all, range, Scale::Linear)?.in_colours(self.args.section.colours());
         let panels = pictures.iter().map(|(title, file, densities)| {
             let panel = Panel::of_section(&self.section, densities, &bar)?
                 .turned_if(self.args.section.up.is_upside_down())

@@ -282,7 +282,7 @@ fn figure(args: &StudyBoundaryArgs, section: &PlaneSection, maps: &[SectionDensi
         } else {
             (ValueRange::Quantiles(0.0, 0.99), Scale::Linear)
         };
-        panels_with_one_bar((section, args.section.up), &fields, label, range, scale)
+        panels_with_one_bar((section, &args.section), &fields, label, range, scale)
     };
     let harmonic = panels("harmonic energy density", |map| &map.harmonic)?;
     let deformation = panels("deformation energy density", |map| &map.deformation)?;

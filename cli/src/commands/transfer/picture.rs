@@ -47,7 +47,8 @@ pub fn draw(
         .collect();
     let after = values_at(&places)?;
     let all = before.iter().chain(&after).copied();
-    let bar = ColourBar::new(&field.name, all, ValueRange::Quantiles(0.0, 1.0), Scale::Linear)?;
+    let bar = ColourBar::new(&field.name, all, ValueRange::Quantiles(0.0, 1.0), Scale::Linear)?
+        .in_colours(args.section.colours());
     let domain = Panel::of_section(&of_domain, &before, &bar)?
         .turned_if(args.section.up.is_upside_down())
         .titled("domain")
