@@ -16,12 +16,14 @@ use std::time::Duration;
 ///
 /// ```
 /// use std::ops::ControlFlow;
+/// use solidmap::Point;
 /// use solidmap::boundary_map::BoundaryMap;
 /// use solidmap::fit::{FitError, FitOptions, Phase, fit};
 /// use solidmap::mesh::shapes;
 ///
 /// let domain = shapes::sphere(1.0, 2);
-/// let boundary = BoundaryMap::new(domain.clone(), domain.vertices().to_vec())?;
+/// let flattened = |p: &Point| Point::new(p.x + p.x.abs(), p.y, p.z);
+/// let boundary = BoundaryMap::new(domain.clone(), domain.vertices().iter().map(flattened).collect())?;
 /// let until_iterating = |phase| match phase {
 ///     Phase::Iterating { .. } => ControlFlow::Break(()),
 ///     _ => ControlFlow::Continue(()),
