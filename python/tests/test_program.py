@@ -168,9 +168,9 @@ COMMANDS = [
 ]
 #: What is about files, pictures and processes, and the caller's here.
 ELSEWHERE = set(
-    "output json threads time_limit help png html vtu worst up target_up position section axis domain_mesh keep out fps "
-    "alternatives boundary tets model_tets write_labels write_model_labels best_attempt no_vtu show at colours map through "
-    "through_kind resolution metrics image jacobian distance version".split()
+    "output json threads time_limit help png html max_size samples vtu worst up target_up position section axis domain_mesh "
+    "keep out fps alternatives boundary tets model_tets write_labels write_model_labels best_attempt no_vtu show at colours "
+    "map through through_kind resolution metrics image jacobian distance version".split()
 )
 
 
