@@ -417,7 +417,7 @@ fn help_tells_the_studies_and_their_options() {
 /// Ctrl-C keeps what is done, and a later run goes on with it.
 #[cfg(unix)]
 #[test]
-fn an_interrupted_study_goes_on_where_it_was() {
+fn an_interrupted_study_resumes() {
     let place = place();
     let radii: Vec<String> = (0..200).map(|k| format!("{}", 0.6 + 0.01 * f64::from(k))).collect();
     let line = format!(

@@ -29,9 +29,9 @@ pub struct Measured {
     pub condition: Option<f64>,
     /// Singular values or pivots of a dense system that were kept.
     pub rank: Option<usize>,
-    /// Of the boundary map, where a study has several: `σ₁ / σ₂`, median over the area.
+    /// Median of `σ₁ / σ₂` of the boundary map over the area; in studies of boundary maps only.
     pub surface_angle: Option<f64>,
-    /// Of the boundary map, where a study has several: `σ₁² + σ₂² + σ₁⁻² + σ₂⁻²`, mean over the area; infinite where a
+    /// Mean of `σ₁² + σ₂² + σ₁⁻² + σ₂⁻²` of the boundary map over the area; in studies of boundary maps only. Infinite where a
     /// triangle's image is flat.
     pub surface_dirichlet: Option<f64>,
     /// Wall-clock seconds for all of it.
