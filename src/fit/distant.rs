@@ -23,8 +23,6 @@ const RADIUS: f64 = 1.0;
 /// Rows that they are fitted to for each of them, and rows that show how well.
 const FITTED_PER_SOURCE: usize = 4;
 const TESTED_PER_SOURCE: usize = 2;
-/// They are taken if what they leave at the tested rows is no more than this times the tolerance of the fit, in the mean of squares.
-const MOST_LEFT: f64 = 1.0;
 
 /// Distant sources of a domain, and the factored system of some of its collocation points, in the unit frame.
 pub(super) struct DistantSources {
@@ -73,8 +71,8 @@ impl DistantSources {
         }))
     }
 
-    /// Coefficients of these sources, and of the affine functions, that take the right-hand sides to within the tolerance; `None` where
-    /// there are none in some column. Rows of `right_hand_sides` beyond those that were known at first are not looked at.
+    /// Coefficients of these sources, and of the affine functions; `None` unless the root mean square of what they leave at the tested rows
+    /// is within the tolerance in every column. Rows of `right_hand_sides` beyond those that were known at first are not looked at.
     pub fn fitted(
         &self,
         right_hand_sides: &Values,
@@ -87,7 +85,7 @@ impl DistantSources {
         let left = right_hand_sides.gather(&self.tested).minus(&found);
         let is_small = |column: usize| {
             let squares = (0..left.rows()).map(|r| left.row(r)[column].powi(2));
-            (squares.sum::<f64>() / left.rows() as f64).sqrt() <= MOST_LEFT * tolerance
+            (squares.sum::<f64>() / left.rows() as f64).sqrt() <= tolerance
         };
         Ok((0..left.columns()).all(is_small).then_some(coefficients))
     }
