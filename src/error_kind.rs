@@ -21,6 +21,7 @@ use crate::files::{LandmarkFileError, TensorFileError};
 use crate::fit::FitError;
 use crate::geometry::{QueryError, SectionError};
 use crate::hexmesh::HexmeshError;
+use crate::hyperbolic::HyperbolicError;
 use crate::inverse::InverseError;
 #[cfg(feature = "io")]
 use crate::io::IoError;
@@ -218,6 +219,11 @@ classified! {
             ErrorKind::InvalidInput
         }
     }
+    HyperbolicError {
+        Self::Surface(error) => error.error_kind(),
+        Self::Springs | Self::TooFine | Self::NotBijective(_) => ErrorKind::Numerical,
+        Self::Genus { .. } | Self::Count { .. } | Self::Letters | Self::Words { .. } => ErrorKind::InvalidInput,
+    }
     SphericalError {
         Self::OutOfMemory { .. } => ErrorKind::Memory,
         Self::TooFine | Self::NotBijective(_) => ErrorKind::Numerical,
@@ -235,6 +241,7 @@ classified! {
     PairError {
         Self::Sphere { error, .. } => error.error_kind(),
         Self::Torus { error, .. } => error.error_kind(),
+        Self::Hyperbolic { error, .. } => error.error_kind(),
         Self::NoEmbedding => ErrorKind::Numerical,
         Self::Cancelled => ErrorKind::Cancelled,
         Self::Align(_)
@@ -243,7 +250,7 @@ classified! {
         | Self::Weight(_)
         | Self::Up
         | Self::UnequalGenus { .. }
-        | Self::ManyHandles { .. }
+        | Self::NoClass { .. }
         | Self::NotWithHandles { .. }
         | Self::LandmarksMissed { .. }
         | Self::Boundary(_) => ErrorKind::InvalidInput,

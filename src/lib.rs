@@ -58,6 +58,7 @@ pub mod files;
 pub mod fit;
 pub mod geometry;
 pub mod hexmesh;
+pub mod hyperbolic;
 pub mod intrinsic;
 pub mod inverse;
 #[cfg(feature = "io")]

@@ -1,5 +1,5 @@
-//! Compositions of embeddings: a point goes to its place on the sphere, or on a flat torus, by the domain's embedding, and
-//! from there to the point of the target that has the same place.
+//! Compositions of embeddings: a point goes to its place on the sphere, on a flat torus or on a hyperbolic surface by the domain's
+//! embedding, and from there to the point of the target that has the same place.
 //!
 //! Both embeddings are bijective and continuous across edges, so that the composition is, too, and its inverse is a
 //! composition.
@@ -8,6 +8,7 @@ use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
+use crate::hyperbolic::{HyperbolicEmbedding, HyperbolicLocator};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::spherical::{EmbeddingCheck, Locator, SphericalEmbedding, check_embedding};
 use crate::toroidal::{ToroidalEmbedding, ToroidalLocator};
@@ -24,24 +25,27 @@ pub(super) struct Composition {
     subdivisions: u32,
 }
 
-/// An embedding of either kind.
+/// An embedding of any kind.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum SurfaceEmbedding {
     Sphere(SphericalEmbedding),
     Torus(ToroidalEmbedding),
+    Hyperbolic(HyperbolicEmbedding),
 }
 
-/// A place on the sphere, or in the square of a flat torus.
+/// A place on the sphere, in the square of a flat torus, or on the hyperboloid.
 #[derive(Debug, Clone, Copy)]
 enum Place {
     Sphere(Vector),
     Torus([f64; 2]),
+    Hyperbolic(Vector),
 }
 
 #[derive(Debug)]
 enum EmbeddingLocator {
     Sphere(Locator),
     Torus(ToroidalLocator),
+    Hyperbolic(HyperbolicLocator),
 }
 
 /// An embedding, with the search structure of its inverse, which is built when it is first needed.
@@ -56,6 +60,7 @@ impl SurfaceEmbedding {
         match self {
             Self::Sphere(embedding) => embedding.surface(),
             Self::Torus(embedding) => embedding.surface(),
+            Self::Hyperbolic(embedding) => embedding.surface(),
         }
     }
 
@@ -64,20 +69,28 @@ impl SurfaceEmbedding {
         match self {
             Self::Sphere(embedding) => check_embedding(embedding.surface().triangles(), embedding.directions()),
             Self::Torus(embedding) => embedding.check(),
+            Self::Hyperbolic(embedding) => embedding.check(),
         }
     }
 
     pub fn as_sphere(&self) -> Option<&SphericalEmbedding> {
         match self {
             Self::Sphere(embedding) => Some(embedding),
-            Self::Torus(_) => None,
+            _ => None,
         }
     }
 
     pub fn as_torus(&self) -> Option<&ToroidalEmbedding> {
         match self {
             Self::Torus(embedding) => Some(embedding),
-            Self::Sphere(_) => None,
+            _ => None,
+        }
+    }
+
+    pub fn as_hyperbolic(&self) -> Option<&HyperbolicEmbedding> {
+        match self {
+            Self::Hyperbolic(embedding) => Some(embedding),
+            _ => None,
         }
     }
 
@@ -85,6 +98,7 @@ impl SurfaceEmbedding {
         match self {
             Self::Sphere(embedding) => Place::Sphere(direction(embedding, point)),
             Self::Torus(embedding) => Place::Torus(embedding.position(point)),
+            Self::Hyperbolic(embedding) => Place::Hyperbolic(embedding.place(point)),
         }
     }
 }
@@ -122,10 +136,12 @@ impl LocatedEmbedding {
         let locator = self.locator.get_or_init(|| match &self.embedding {
             SurfaceEmbedding::Sphere(embedding) => EmbeddingLocator::Sphere(Locator::new(embedding)),
             SurfaceEmbedding::Torus(embedding) => EmbeddingLocator::Torus(ToroidalLocator::new(embedding)),
+            SurfaceEmbedding::Hyperbolic(embedding) => EmbeddingLocator::Hyperbolic(HyperbolicLocator::new(embedding)),
         });
         match (locator, place) {
             (EmbeddingLocator::Sphere(locator), Place::Sphere(x)) => Some(locator.locate(x)),
             (EmbeddingLocator::Torus(locator), Place::Torus(x)) => Some(locator.locate(*x)),
+            (EmbeddingLocator::Hyperbolic(locator), Place::Hyperbolic(x)) => Some(locator.locate(x).point),
             _ => None,
         }
     }
@@ -145,6 +161,12 @@ impl Composition {
     /// The map between two surfaces that are embedded in the flat torus.
     pub fn through_torus(domain: ToroidalEmbedding, target: ToroidalEmbedding) -> Self {
         Self::new(SurfaceEmbedding::Torus(domain), Some(SurfaceEmbedding::Torus(target)))
+    }
+
+    /// The map between two surfaces that are embedded in one hyperbolic surface: their relators are the same.
+    pub fn through_hyperbolic_surface(domain: HyperbolicEmbedding, target: HyperbolicEmbedding) -> Self {
+        let domain = SurfaceEmbedding::Hyperbolic(domain);
+        Self::new(domain, Some(SurfaceEmbedding::Hyperbolic(target)))
     }
 
     fn new(domain: SurfaceEmbedding, target: Option<SurfaceEmbedding>) -> Self {
@@ -189,11 +211,11 @@ impl Composition {
         self.domain().place(&before_subdivision(point, self.subdivisions))
     }
 
-    /// The direction of a point; `None` when the map goes through a torus.
+    /// The direction of a point; `None` when the map does not go through the sphere.
     pub fn direction(&self, point: &SurfacePoint) -> Option<Vector> {
         match self.place(point) {
             Place::Sphere(x) => Some(x),
-            Place::Torus(_) => None,
+            _ => None,
         }
     }
 
@@ -212,6 +234,7 @@ impl Composition {
             (Some(target), Some(found), _) => found.position(target.surface(), target.surface().vertices()),
             (_, _, Place::Sphere(x)) => Point::from(x),
             (_, _, Place::Torus([u, v])) => Point::new(u, v, 0.0),
+            (_, _, Place::Hyperbolic(x)) => Point::from(x),
         }
     }
 

@@ -9,6 +9,7 @@ use super::BoundaryMapError;
 use super::composition::{Composition, SurfaceEmbedding};
 use super::error::{extent, require_extent, require_finite, require_same_count, require_same_elements};
 use super::function::PointFunction;
+use crate::hyperbolic::HyperbolicEmbedding;
 use crate::mesh::shapes::quartered;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
 use crate::spherical::SphericalEmbedding;
@@ -18,7 +19,8 @@ use crate::{Point, Vector};
 /// A boundary map `f'`: where each point of the domain's surface goes.
 ///
 /// Given by images of the vertices alone, it is linear over the triangles in between. As a composition of embeddings
-/// ([`Self::onto_sphere`], [`Self::through_sphere`], [`Self::through_torus`]) it is a bijection with the target's surface,
+/// ([`Self::onto_sphere`], [`Self::through_sphere`], [`Self::through_torus`], [`Self::through_hyperbolic_surface`]) it is a
+/// bijection with the target's surface,
 /// and the images of points between vertices lie on that surface, not on the straight triangles between the images of the
 /// vertices.
 ///
@@ -35,7 +37,7 @@ pub struct BoundaryMap {
 enum Interpolation {
     /// Linearly over each triangle.
     Linear,
-    /// By embeddings in the sphere or in a flat torus.
+    /// By embeddings in the sphere, in a flat torus or in a hyperbolic surface.
     Composition(Composition),
     /// By a function of the surface's points.
     Function(PointFunction),
@@ -118,6 +120,21 @@ impl BoundaryMap {
         Self::by_composition(Composition::through_torus(domain, target))
     }
 
+    /// The map that sends each point of one surface to the point of the other at the same place of a hyperbolic surface.
+    ///
+    /// # Errors
+    ///
+    /// When the embeddings have different relators, or a surface is too small or too large to calculate with.
+    pub fn through_hyperbolic_surface(
+        domain: HyperbolicEmbedding,
+        target: HyperbolicEmbedding,
+    ) -> Result<Self, BoundaryMapError> {
+        if domain.relator() != target.relator() {
+            return Err(BoundaryMapError::OtherRelator);
+        }
+        Self::by_composition(Composition::through_hyperbolic_surface(domain, target))
+    }
+
     fn by_composition(composition: Composition) -> Result<Self, BoundaryMapError> {
         let domain = composition.domain().surface().clone();
         let image = match composition.target() {
@@ -140,7 +157,7 @@ impl BoundaryMap {
     }
 
     /// The map from the target's surface back to the domain's as it was before subdivision; `None` unless the map goes
-    /// through the sphere or a torus to another surface.
+    /// through the sphere, a torus or a hyperbolic surface to another surface.
     pub fn inverse(&self) -> Option<Self> {
         // Cannot fail: both surfaces have passed the checks.
         Self::by_composition(self.composition()?.inverse()?).ok()
@@ -288,6 +305,16 @@ impl BoundaryMap {
     pub fn torus_embeddings(&self) -> Option<[&ToroidalEmbedding; 2]> {
         let composition = self.composition()?;
         Some([composition.domain().as_torus()?, composition.target()?.as_torus()?])
+    }
+
+    /// The embeddings of the domain, as it was before subdivision, and of the target in one hyperbolic surface; `None` unless the map
+    /// goes through one.
+    pub fn hyperbolic_embeddings(&self) -> Option<[&HyperbolicEmbedding; 2]> {
+        let composition = self.composition()?;
+        Some([
+            composition.domain().as_hyperbolic()?,
+            composition.target()?.as_hyperbolic()?,
+        ])
     }
 
     /// The domain as it was before subdivision.

@@ -7,6 +7,9 @@ use crate::mesh::SurfaceMesh;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoundaryMapError {
+    /// The embeddings are in different hyperbolic surfaces.
+    #[error("the embeddings of the domain and the target are in different hyperbolic surfaces: their relators differ")]
+    OtherRelator,
     /// The image must have one position per vertex of the domain.
     #[error(
         "the domain has {domain} vertices and the image {image}; the image must be the domain's mesh with other vertex \

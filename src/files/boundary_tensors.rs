@@ -9,6 +9,11 @@
 //! | `domain_positions` | f64, n × 2 | `through_torus`: each vertex in the unit square, whose opposite sides are glued |
 //! | `domain_translations` | i32, m × 6 | `through_torus`: whole numbers by which the corners of each triangle are translated |
 //! | `target_vertices`, `target_triangles`, `target_positions`, `target_translations` | as above | the same of the target |
+//! | `domain_places` | f64, n × 2 | `through_hyperbolic_surface`: the first two coordinates of each vertex on the hyperboloid `x² + y² − z² = −1` |
+//! | `domain_word_lengths` | i32, m × 3 | the numbers of letters of the words that take the corners of each triangle to one copy of it |
+//! | `domain_letters` | i32, l × 1 | their letters, one word after the other, the last letter of each applied first |
+//! | `relator` | i32, 4g × 1 | the letters of the polygons around a corner of the regular polygon with 4g sides, counter-clockwise |
+//! | `target_vertices`, `target_triangles`, `target_places`, `target_word_lengths`, `target_letters` | as above | the same of the target |
 //!
 //! The object `boundary` of the metadata says which of them the file has. Images of compositions follow from the
 //! directions or positions; they are stored for readers that need only the vertices, and compared when the map is read. A subdivided
@@ -17,6 +22,7 @@
 use super::TensorFileError;
 use super::tensor_file::{Reader, Tensor};
 use crate::boundary_map::BoundaryMap;
+use crate::hyperbolic::{HyperbolicEmbedding, HyperbolicError, Letter};
 use crate::mesh::SurfaceMesh;
 use crate::spherical::SphericalEmbedding;
 use crate::toroidal::{ToroidalEmbedding, ToroidalError};
@@ -31,7 +37,7 @@ pub(super) struct BoundaryHeader {
 }
 
 /// How the map is defined between vertices: linearly, by the domain's spherical embedding, or by embeddings of both surfaces
-/// in the sphere or in a flat torus.
+/// in the sphere, in a flat torus or in a hyperbolic surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Way {
@@ -40,6 +46,7 @@ pub(super) enum Way {
     OntoSphere,
     ThroughSphere,
     ThroughTorus,
+    ThroughHyperbolicSurface,
 }
 
 /// The part of the metadata about the boundary map. Files without it hold a straight map.
@@ -62,6 +69,9 @@ struct Names {
     directions: &'static str,
     positions: &'static str,
     translations: &'static str,
+    places: &'static str,
+    word_lengths: &'static str,
+    letters: &'static str,
 }
 
 const DOMAIN: Names = Names {
@@ -70,6 +80,9 @@ const DOMAIN: Names = Names {
     directions: "domain_directions",
     positions: "domain_positions",
     translations: "domain_translations",
+    places: "domain_places",
+    word_lengths: "domain_word_lengths",
+    letters: "domain_letters",
 };
 const TARGET: Names = Names {
     vertices: "target_vertices",
@@ -77,13 +90,18 @@ const TARGET: Names = Names {
     directions: "target_directions",
     positions: "target_positions",
     translations: "target_translations",
+    places: "target_places",
+    word_lengths: "target_word_lengths",
+    letters: "target_letters",
 };
 const IMAGE: &str = "image_vertices";
+const RELATOR: &str = "relator";
 
 pub(super) fn header_of(map: &BoundaryMap) -> BoundaryHeader {
     BoundaryHeader {
         way: match (map.domain_embedding(), map.target_embedding()) {
             _ if map.torus_embeddings().is_some() => Way::ThroughTorus,
+            _ if map.hyperbolic_embeddings().is_some() => Way::ThroughHyperbolicSurface,
             (None, _) => Way::Straight,
             (Some(_), None) => Way::OntoSphere,
             (Some(_), Some(_)) => Way::ThroughSphere,
@@ -108,7 +126,32 @@ pub(super) fn tensors_of(map: &BoundaryMap) -> Vec<Tensor> {
         tensors.extend(surface_tensors(&TARGET, target.surface()));
         tensors.extend(layout(&TARGET, target));
     }
+    if let Some([domain, target]) = map.hyperbolic_embeddings() {
+        tensors.extend(places_and_words(&DOMAIN, domain));
+        tensors.extend(surface_tensors(&TARGET, target.surface()));
+        tensors.extend(places_and_words(&TARGET, target));
+        let letters: Vec<[i32; 1]> = domain.relator().iter().map(|&letter| [i32::from(letter)]).collect();
+        tensors.push(Tensor::integers(RELATOR, letters.into_iter()));
+    }
     tensors
+}
+
+fn places_and_words(names: &Names, embedding: &HyperbolicEmbedding) -> [Tensor; 3] {
+    let lengths: Vec<[i32; 3]> = embedding
+        .corner_letters()
+        .map(|words| words.map(|word| word.len() as i32))
+        .collect();
+    let letters: Vec<[i32; 1]> = embedding
+        .corner_letters()
+        .flatten()
+        .flatten()
+        .map(|&letter| [i32::from(letter)])
+        .collect();
+    [
+        Tensor::rows(names.places, embedding.positions().iter()),
+        Tensor::integers(names.word_lengths, lengths.into_iter()),
+        Tensor::integers(names.letters, letters.into_iter()),
+    ]
 }
 
 fn layout(names: &Names, embedding: &ToroidalEmbedding) -> [Tensor; 2] {
@@ -143,6 +186,9 @@ pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
         (DOMAIN.translations, way == Way::ThroughTorus),
         (TARGET.positions, way == Way::ThroughTorus),
         (TARGET.translations, way == Way::ThroughTorus),
+        (DOMAIN.places, way == Way::ThroughHyperbolicSurface),
+        (TARGET.places, way == Way::ThroughHyperbolicSurface),
+        (RELATOR, way == Way::ThroughHyperbolicSurface),
     ] {
         if !is_due && reader.has(tensor) {
             let problem = "does not belong to the kind of boundary map that the metadata name";
@@ -156,6 +202,9 @@ pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
         Way::OntoSphere => BoundaryMap::onto_sphere(embedding(reader, &DOMAIN)?),
         Way::ThroughSphere => BoundaryMap::through_sphere(embedding(reader, &DOMAIN)?, embedding(reader, &TARGET)?),
         Way::ThroughTorus => BoundaryMap::through_torus(on_torus(reader, &DOMAIN)?, on_torus(reader, &TARGET)?),
+        Way::ThroughHyperbolicSurface => {
+            BoundaryMap::through_hyperbolic_surface(hyperbolic(reader, &DOMAIN)?, hyperbolic(reader, &TARGET)?)
+        }
     }
     .map_err(|e| reader.problem(DOMAIN.vertices, format!("is unusable: {e}")))?;
     require_agreement(reader, &map, &image)?;
@@ -213,6 +262,37 @@ fn on_torus(reader: &Reader, names: &Names) -> Result<ToroidalEmbedding, TensorF
         return Err(reader.problem(names.positions, problem));
     }
     Ok(embedding)
+}
+
+fn hyperbolic(reader: &Reader, names: &Names) -> Result<HyperbolicEmbedding, TensorFileError> {
+    let surface = surface(reader, names)?;
+    let places: Vec<[f64; 2]> = reader.rows(names.places)?;
+    let lengths: Vec<[i32; 3]> = reader.integers(names.word_lengths)?;
+    let letters = |tensor: &'static str| -> Result<Vec<Letter>, TensorFileError> {
+        let found: Vec<[i32; 1]> = reader.integers(tensor)?;
+        let letters = found.iter().map(|&[letter]| Letter::try_from(letter));
+        letters
+            .collect::<Result<_, _>>()
+            .map_err(|_| reader.problem(tensor, "has numbers that are no letters".into()))
+    };
+    let (relator, letters) = (letters(RELATOR)?, letters(names.letters)?);
+    let mut rest = letters.as_slice();
+    let mut next = |length: i32| {
+        let (word, others) = rest.split_at_checked(usize::try_from(length).ok()?)?;
+        rest = others;
+        Some(word.to_vec())
+    };
+    let of_triangle = |&[a, b, c]: &[i32; 3]| Some([next(a)?, next(b)?, next(c)?]);
+    let words: Option<Vec<[Vec<Letter>; 3]>> = lengths.iter().map(of_triangle).collect();
+    let words = words.filter(|_| rest.is_empty());
+    let words = words.ok_or_else(|| reader.problem(names.word_lengths, "does not fit the number of letters".into()))?;
+    HyperbolicEmbedding::new(surface, &relator, &places, &words).map_err(|error| {
+        let tensor = match error {
+            HyperbolicError::Letters | HyperbolicError::Words { .. } => names.letters,
+            _ => names.places,
+        };
+        reader.problem(tensor, format!("is unusable: {error}"))
+    })
 }
 
 fn require_agreement(reader: &Reader, map: &BoundaryMap, image: &[Point]) -> Result<(), TensorFileError> {

@@ -67,8 +67,9 @@ pub(super) struct FileKind {
     /// The entry of the container's metadata that holds ours, a JSON object.
     pub key: &'static str,
     pub version: (u32, u32),
-    /// The version of files that hold a boundary map through a flat torus, which earlier programs do not know.
-    pub version_with_torus: (u32, u32),
+    /// The versions of files that hold a boundary map through a flat torus, or through a hyperbolic surface, which earlier programs do
+    /// not know.
+    pub versions_with_handles: [(u32, u32); 2],
     /// What the file is for, said where another kind is wanted.
     pub purpose: &'static str,
 }
@@ -77,7 +78,7 @@ pub(super) static MAP: FileKind = FileKind {
     name: "map file",
     key: "solidmap",
     version: (1, 2),
-    version_with_torus: (1, 3),
+    versions_with_handles: [(1, 3), (1, 4)],
     purpose: "it holds a fitted map, for `solidmap eval` and `energy`",
 };
 
@@ -85,7 +86,7 @@ pub(super) static BOUNDARY: FileKind = FileKind {
     name: "boundary file",
     key: "solidmap_boundary",
     version: (1, 0),
-    version_with_torus: (1, 1),
+    versions_with_handles: [(1, 1), (1, 2)],
     purpose: "it holds a boundary map, for `solidmap fit --boundary`",
 };
 
@@ -93,7 +94,7 @@ pub(super) static TEXTURE: FileKind = FileKind {
     name: "texture file",
     key: "solidmap_texture",
     version: (1, 0),
-    version_with_torus: (1, 1),
+    versions_with_handles: [(1, 1), (1, 2)],
     purpose: "it holds a solid texture, for `solidmap texture`",
 };
 
@@ -165,9 +166,14 @@ impl FileKind {
 
     /// The version of a file with this boundary map: the given one, unless that is too low for it.
     pub fn version_for(&self, given: &str, boundary: Option<&BoundaryMap>) -> String {
-        let through_torus = boundary.is_some_and(|map| map.torus_embeddings().is_some());
-        match through_torus && given == self.format_version() {
-            true => format!("{}.{}", self.version_with_torus.0, self.version_with_torus.1),
+        let [with_torus, with_hyperbolic_surface] = self.versions_with_handles;
+        let (major, minor) = match boundary {
+            Some(map) if map.torus_embeddings().is_some() => with_torus,
+            Some(map) if map.hyperbolic_embeddings().is_some() => with_hyperbolic_surface,
+            _ => return given.to_owned(),
+        };
+        match given == self.format_version() {
+            true => format!("{major}.{minor}"),
             false => given.to_owned(),
         }
     }

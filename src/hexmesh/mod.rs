@@ -44,9 +44,6 @@ const ATTEMPTS_BEFORE_VOXELS: usize = 1;
 /// Most of the effort of such an attempt ([`PolycubeOptions::effort`]).
 const EFFORT_BEFORE_VOXELS: f64 = 2000.0;
 
-/// Handles of a model, at most, onto which other boundaries are mapped.
-const MOST_HANDLES: u64 = 1;
-
 /// Options of [`make_hexmesh`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct HexmeshOptions {
@@ -275,7 +272,7 @@ impl HexmeshError {
 
 /// Whether the boundaries of other solids are mapped to this one ([`map_pair`](crate::boundary_map::pair::map_pair)).
 fn has_pairs(surface: &SurfaceMesh) -> bool {
-    genus(surface).is_ok_and(|handles| handles <= MOST_HANDLES)
+    genus(surface).is_ok()
 }
 
 /// By a deformation of the model, sought in a few attempts or all.

@@ -1,8 +1,7 @@
 //! Hexahedra by a polycube of voxels, whose boundary is mapped to the model's by embeddings in the sphere or a flat torus.
 
 use super::{
-    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, MOST_HANDLES, boxes_per_lattice_cell,
-    carried, lattice_of,
+    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, boxes_per_lattice_cell, carried, lattice_of,
 };
 use crate::boundary_map::SurfaceDistortion;
 use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
@@ -52,8 +51,7 @@ pub(super) fn hexmesh(
         return Err(HexmeshError::NoVolume);
     }
     let handles = match genus(&target) {
-        Ok(handles) if handles <= MOST_HANDLES => handles,
-        Ok(genus) => return Err(PairError::ManyHandles { genus }.into()),
+        Ok(handles) => handles,
         Err(error) => return Err(PairError::Sphere { side: "target", error }.into()),
     };
     let boxes = boxes_per_lattice_cell(options.kind);

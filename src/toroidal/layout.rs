@@ -7,7 +7,7 @@ use super::embedding::{ToroidalEmbedding, ToroidalError, require_genus_1};
 use super::handles::handle_loops;
 use super::knot::is_knotted;
 use super::linking::meridian_class;
-use super::rings::{LiftedRings, Shift};
+use super::rings::{LiftedRings, Shift, Translations};
 use super::springs::springs;
 use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::{
@@ -59,7 +59,7 @@ pub(crate) struct TorusSurface {
     hierarchy: Hierarchy,
     /// For each entry of the hierarchy's rings, one after the other, the translation of that neighbour.
     ring_shifts: Vec<Shift>,
-    base: LiftedRings,
+    base: LiftedRings<Translations>,
     base_vertices: Vec<u32>,
     /// Positions of `base_vertices` where springs along the edges are in balance, in units of the periods.
     base_positions: Vec<[f64; 2]>,
@@ -115,7 +115,7 @@ impl TorusSurface {
         let translations = translations(&surface, meridian, cochains);
         let count = surface.vertices().len();
         let hierarchy = Hierarchy::with_least(surface.vertices(), surface.triangles(), BASE_VERTICES);
-        let mut base = LiftedRings::new(count, surface.triangles(), &translations);
+        let mut base = LiftedRings::new(Translations, count, surface.triangles(), &translations);
         let ring_shifts = base.collapse(&hierarchy);
         let base_vertices: Vec<u32> = (0..count as u32).filter(|&v| !base.of(v).is_empty()).collect();
         let out_of_memory = ToroidalError::OutOfMemory { vertices: count };
@@ -312,7 +312,7 @@ fn line(embedding: &ToroidalEmbedding, height: f64) -> Vec<Point> {
 #[derive(Debug, Clone)]
 pub(crate) struct PartialLayout {
     /// Translations are those of the surface's under [`Self::map`].
-    pub rings: LiftedRings,
+    pub rings: LiftedRings<Translations>,
     /// The place of each inserted vertex in the plane at height 1.
     pub places: Vec<Vector>,
     pub periods: Periods,
@@ -409,7 +409,7 @@ impl PartialLayout {
 }
 
 /// A place for a vertex whose neighbours are at `ring` for which all its triangles are positive.
-fn place_in_kernel(ring: &[Vector]) -> Option<Vector> {
+pub(crate) fn place_in_kernel(ring: &[Vector]) -> Option<Vector> {
     let centre = ring.iter().sum::<Vector>() / ring.len() as f64;
     let size = ring.iter().map(|x| (x - centre).norm()).fold(0.0, f64::max);
     let scale = RING_SIZE / size;
@@ -443,7 +443,7 @@ mod tests {
         let refined = layout.refine(&torus, usize::MAX, |layout| assert_eq!(doubled_area(layout), 2));
         assert!(refined.is_some());
         let (count, triangles) = (surface.vertices().len(), torus.surface.triangles());
-        let expected = LiftedRings::new(count, triangles, &torus.translations);
+        let expected = LiftedRings::new(Translations, count, triangles, &torus.translations);
         for v in 0..count as u32 {
             let (own, other) = (layout.rings.of(v), expected.of(v));
             // Which copy of a vertex is the one in the layout may differ by vertex; not along closed walks.

@@ -14,8 +14,9 @@ mod rings;
 mod springs;
 
 pub use embedding::{ToroidalEmbedding, ToroidalError, require_genus_1};
-pub(crate) use layout::{LatticeMap, PartialLayout, Periods, TORUS_AREA, TorusSurface};
+pub(crate) use layout::{LatticeMap, PartialLayout, Periods, TORUS_AREA, TorusSurface, place_in_kernel};
 pub(crate) use locate::ToroidalLocator;
+pub(crate) use rings::{DeckGroup, LiftedRings};
 
 /// Embeddings for tests.
 #[cfg(test)]

@@ -3,12 +3,12 @@
 //! On a torus the solution has no flipped triangles, whatever the surface (Gortler, Gotsman, Thurston, *Discrete one-forms on
 //! meshes and applications to 3D mesh parameterization*, 2006).
 
-use super::rings::LiftedRings;
+use super::rings::{LiftedRings, Translations};
 use crate::spherical::Cholesky;
 
 /// The positions of these vertices, in units of the periods, with the first at the origin; 0 for all others. `None` when the
 /// system does not fit into memory.
-pub(super) fn springs(rings: &LiftedRings, vertices: &[u32], count: usize) -> Option<Vec<[f64; 2]>> {
+pub(super) fn springs(rings: &LiftedRings<Translations>, vertices: &[u32], count: usize) -> Option<Vec<[f64; 2]>> {
     let free = vertices.get(1..)?;
     let mut index = vec![u32::MAX; count];
     for (i, &v) in free.iter().enumerate() {

@@ -20,7 +20,7 @@ use crate::sampling::Collocation;
 use crate::spherical::EmbeddingCheck;
 use crate::statistics::Summary;
 
-/// Results of [`super::check`] for a composition: a map onto or through the sphere, or through a flat torus.
+/// Results of [`super::check`] for a composition: a map onto or through the sphere, through a flat torus, or through a hyperbolic surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompositionCheck {
     /// The domain's embedding, and the target's where it has a mesh of its own. If each is a bijection, so is the map.
@@ -34,8 +34,10 @@ pub struct CompositionCheck {
     /// Triangles of the plain image, straight between the images of vertices, that face against the target: defects of
     /// the plain image, not of the map.
     pub plain_image_flipped: usize,
-    /// Whether the embeddings are in a flat torus and not in the sphere.
+    /// Whether the embeddings are in a flat torus.
     pub through_torus: bool,
+    /// Whether the embeddings are in a hyperbolic surface.
+    pub through_hyperbolic_surface: bool,
 }
 
 /// Distances between points and their round trips, as fractions of the domain's diagonal: rounding errors.
@@ -110,7 +112,7 @@ pub(super) fn check(
                 &facings_on_sphere(embedding.surface(), embedding.directions()),
             ),
             // Whoever made or read it has refused flipped triangles.
-            SurfaceEmbedding::Torus(embedding) => embedding.check().first_flipped.into_iter().collect(),
+            other => other.check().first_flipped.into_iter().collect(),
         },
         degenerate: vec![],
         flat_in_domain: flat(domain),
@@ -133,6 +135,7 @@ pub(super) fn check(
         cuts,
         plain_image_flipped,
         through_torus: composition.domain().as_torus().is_some(),
+        through_hyperbolic_surface: composition.domain().as_hyperbolic().is_some(),
     };
     let distortion = SurfaceDistortion::of(fine.domain(), fine.image());
     let worst_places = measurements.worst_places((fine.domain(), fine.image()), options.worst_places);

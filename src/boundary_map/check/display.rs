@@ -69,12 +69,12 @@ impl BoundaryCheck {
             Some(_) => (true, ", plain image"),
             None => (false, ""),
         };
-        let is_torus = self
-            .composition
-            .as_ref()
-            .is_some_and(|composition| composition.through_torus);
+        let composition = self.composition.as_ref();
+        let is_torus = composition.is_some_and(|composition| composition.through_torus);
+        let is_hyperbolic = composition.is_some_and(|composition| composition.through_hyperbolic_surface);
         let against = match self.compared_with {
             ComparedWith::Target if is_torus => "the target, through a flat torus".into(),
+            ComparedWith::Target if is_hyperbolic => "the target, through a hyperbolic surface".into(),
             ComparedWith::Target if is_composition => "the target, through the sphere".into(),
             ComparedWith::Target => "the target".into(),
             _ if is_composition => "the unit sphere".into(),

@@ -16,6 +16,7 @@ mod alignment;
 mod bent;
 mod curves;
 mod embedder;
+mod hyperbolic;
 mod inter_surface;
 mod isometry;
 mod landmark_warp;
@@ -52,11 +53,12 @@ pub use targets::{VertexTarget, vertex_targets};
 
 use super::{BoundaryMap, SurfaceDistortion};
 use crate::geometry::sphere_rotation;
+use crate::hyperbolic::{HyperbolicError, require_genus_2_or_more};
 use crate::mesh::SurfaceMesh;
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SphericalEmbedding, SphericalError, check_embedding,
-    genus, map_to_sphere, require_genus_0, require_scale,
+    genus, map_to_sphere, require_genus, require_genus_0, require_scale,
 };
 use crate::toroidal::{ToroidalError, require_genus_1};
 use crate::{Matrix3, Vector};
@@ -136,7 +138,8 @@ const TOO_FINE: PairError = PairError::Sphere {
 ///
 /// # Errors
 ///
-/// When the solids are not both of genus 0 or both of genus 1, a hole is knotted, or landmarks cannot be met;
+/// When the solids are not of one genus, a hole is knotted, no class of maps between solids of genus 2 or more is found, or landmarks
+/// cannot be met;
 /// [`PairError::Cancelled`] when `progress` cancels it ([`ProgressResponse`]), which usually takes effect within a fraction of a
 /// second.
 pub fn map_pair<A: ProgressResponse>(
@@ -164,8 +167,10 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
     options: &PairOptions,
     progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<PairMaps, PairError> {
-    if has_one_handle([domain, target], options)? {
-        return map_tori(domain, target, options, progress);
+    match common_genus([domain, target], options)? {
+        0 => {}
+        1 => return map_tori(domain, target, options, progress),
+        genus => return map_hyperbolic_surfaces(domain, target, genus, options, progress),
     }
     let of_side = |side| move |error| PairError::Sphere { side, error };
     let domain = require_genus_0(domain).map_err(of_side("domain"))?;
@@ -199,7 +204,7 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
         match options.method {
             PairMethod::SoftTargets => pair.by_soft_targets(),
             PairMethod::Conformal => pair.by_conformal_maps(),
-            PairMethod::FlatTori => Err(of_no_handle("domain")),
+            PairMethod::FlatTori | PairMethod::HyperbolicSurface => Err(of_no_handle("domain")),
         }
     });
     made.unwrap_or(Err(PairError::Cancelled))
@@ -210,18 +215,17 @@ fn of_no_handle(side: &'static str) -> PairError {
     PairError::Torus { side, error }
 }
 
-/// Whether both solids have genus 1, and not 0.
+/// The genus of both solids.
 ///
 /// # Errors
 ///
-/// When a surface is not one closed manifold, has another number of handles than the other, or several.
-fn has_one_handle([domain, target]: [&SurfaceMesh; 2], options: &PairOptions) -> Result<bool, PairError> {
+/// When a surface is not one closed manifold, or has another number of handles than the other.
+fn common_genus([domain, target]: [&SurfaceMesh; 2], options: &PairOptions) -> Result<u64, PairError> {
     let genus = |side, surface| genus(surface).map_err(|error| PairError::Sphere { side, error });
     match [genus("domain", domain)?, genus("target", target)?] {
-        [0, 0] => Ok(false),
-        [1, 1] => torus::require_options(options).map(|()| true),
+        [0, 0] => Ok(0),
         [domain, target] if domain != target => Err(PairError::UnequalGenus { domain, target }),
-        [genus, _] => Err(PairError::ManyHandles { genus }),
+        [genus, _] => torus::require_options(options, genus).map(|()| genus),
     }
 }
 
@@ -253,6 +257,37 @@ fn map_tori<A: ProgressResponse>(
             reporter,
         };
         pair.by_tori()
+    });
+    made.unwrap_or(Err(PairError::Cancelled))
+}
+
+fn map_hyperbolic_surfaces<A: ProgressResponse>(
+    domain: &SurfaceMesh,
+    target: &SurfaceMesh,
+    genus: u64,
+    options: &PairOptions,
+    progress: &dyn Fn(PairPhase) -> A,
+) -> Result<PairMaps, PairError> {
+    let oriented = |side, surface| -> Result<(SurfaceMesh, usize), PairError> {
+        let of_side = |error| PairError::Hyperbolic { side, error };
+        let handles = require_genus_2_or_more(surface).map_err(of_side)?;
+        let oriented = require_genus(surface, genus).map_err(|error| of_side(HyperbolicError::Surface(error)))?;
+        require_scale(&oriented).map_err(|error| of_side(HyperbolicError::Surface(error)))?;
+        Ok((oriented, handles))
+    };
+    let (domain, genus) = oriented("domain", domain)?;
+    let (target, _) = oriented("target", target)?;
+    let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
+        let pair = PairMapping {
+            domain: &domain,
+            target: &target,
+            landmarks: &Landmarks::default(),
+            curves: &[],
+            options,
+            begin: Instant::now(),
+            reporter,
+        };
+        pair.by_hyperbolic_surface(genus)
     });
     made.unwrap_or(Err(PairError::Cancelled))
 }

@@ -21,6 +21,9 @@ pub enum PairMethod {
     /// genus are refused.
     #[serde(rename = "tori")]
     FlatTori,
+    /// Both are laid out on a hyperbolic surface: what is done with solids of genus 2 and more, also by [`Self::SoftTargets`].
+    #[serde(rename = "hyperbolic")]
+    HyperbolicSurface,
 }
 
 /// How a pair is mapped.

@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::map_pair;
 use super::{AlignError, CurveError, LandmarkError, PairMethod, SoftTargetSchedule, Stretch};
 use crate::boundary_map::{BoundaryMapError, SurfaceDistortion};
+use crate::hyperbolic::HyperbolicError;
 use crate::spherical::{SpherePhase, SphericalError};
 use crate::toroidal::ToroidalError;
 
@@ -16,6 +17,8 @@ pub enum PairPhase {
     Sphere(&'static str, SpherePhase),
     /// Both solids, of genus 1, are laid out on flat tori.
     Tori,
+    /// The target, of genus 2 or more, is laid out on a hyperbolic surface.
+    HyperbolicSurface,
     /// The solids are aligned in space, or their conformal embeddings by a rotation.
     Aligning {
         /// Steps done so far.
@@ -237,20 +240,22 @@ pub enum PairError {
         /// Handles of the target.
         target: u64,
     },
-    /// Both solids have several handles.
+    /// No alignment of solids of genus 2 or more leads to a map.
     #[error(
-        "both solids have genus {genus} (handles), and boundary maps are made of solids of genus 0 and 1 only; give one that \
-         was made elsewhere"
+        "no map of the handles was found: of {tried} alignments by shape none takes every handle of the domain to one of the target; \
+         give solids that are more alike, or a boundary map that was made elsewhere"
     )]
-    ManyHandles {
-        /// Handles of each.
-        genus: u64,
+    NoClass {
+        /// Alignments that were tried.
+        tried: usize,
     },
     /// An option has no meaning for solids with a handle.
-    #[error("{option} cannot be used with solids of genus 1; leave the option out")]
+    #[error("{option} cannot be used with solids of genus {genus}; leave the option out")]
     NotWithHandles {
         /// What was given.
         option: &'static str,
+        /// Handles of each solid.
+        genus: u64,
     },
     /// A solid has no map to a flat torus.
     #[error("the {side} has no map to a flat torus: {error}")]
@@ -259,6 +264,14 @@ pub enum PairError {
         side: &'static str,
         /// Why not.
         error: ToroidalError,
+    },
+    /// A solid has no map to a hyperbolic surface.
+    #[error("the {side} has no map to a hyperbolic surface: {error}")]
+    Hyperbolic {
+        /// `"domain"` or `"target"`.
+        side: &'static str,
+        /// Why not.
+        error: HyperbolicError,
     },
     /// The solids cannot be aligned.
     #[error(transparent)]

@@ -41,7 +41,7 @@ fn invariants([a, b, c]: [&Point; 3], rest: &RestShape) -> (f64, f64, Vector) {
 }
 
 /// The energy of a triangle with these images of its corners: its area for an isometry, about.
-pub(super) fn image_energy(images: [&Point; 3], rest: &RestShape, softness: f64) -> f64 {
+pub(in crate::boundary_map::pair) fn image_energy(images: [&Point; 3], rest: &RestShape, softness: f64) -> f64 {
     let (s, c, _) = invariants(images, rest);
     0.25 * rest.area * (s + s / (c * c + 0.25 * softness * s * s).max(f64::MIN_POSITIVE))
 }

@@ -19,8 +19,8 @@ use crate::toroidal::{PartialLayout, Periods, TORUS_AREA, ToroidalEmbedding, Tor
 use crate::{Point, Vector};
 
 /// The target as the domain's layouts see it: from places in the plane to points of it.
-pub(super) struct TargetTorus<'a> {
-    pub embedding: &'a ToroidalEmbedding,
+pub(in crate::boundary_map::pair) struct TargetTorus {
+    pub embedding: ToroidalEmbedding,
     locator: ToroidalLocator,
     pub periods: Periods,
     /// Lengths of the target are multiplied by this, so that its area is that of the torus.
@@ -29,16 +29,16 @@ pub(super) struct TargetTorus<'a> {
 
 /// The image of a place.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Image {
+pub(in crate::boundary_map::pair) struct Image {
     pub point: Point,
     /// The copy of the triangle of the target, for the next search nearby.
     pub copy: u32,
 }
 
-impl<'a> TargetTorus<'a> {
-    pub fn new(embedding: &'a ToroidalEmbedding, periods: Periods) -> Self {
+impl TargetTorus {
+    pub fn new(embedding: &ToroidalEmbedding, periods: Periods) -> Self {
         Self {
-            embedding,
+            embedding: embedding.clone(),
             locator: ToroidalLocator::new(embedding),
             periods,
             scale: (TORUS_AREA / embedding.surface().area()).sqrt(),
@@ -68,10 +68,10 @@ impl<'a> TargetTorus<'a> {
 /// A triangle cut into `k × k` parts: barycentric coordinates of their corners, and the corners of each in the order of those of
 /// the triangle.
 #[derive(Debug, Clone)]
-pub(super) struct Cut {
+pub(in crate::boundary_map::pair) struct Cut {
     pub cuts: usize,
-    samples: Vec<[f64; 3]>,
-    parts: Vec<[usize; 3]>,
+    pub samples: Vec<[f64; 3]>,
+    pub parts: Vec<[usize; 3]>,
 }
 
 impl Cut {
@@ -106,7 +106,7 @@ impl Cut {
 
 /// The energy as a function of the places of all vertices, for Newton's method.
 pub(super) struct TorusEnergy<'a> {
-    target: &'a TargetTorus<'a>,
+    target: &'a TargetTorus,
     cut: Cut,
     softness: f64,
     triangles: Vec<[u32; 3]>,
@@ -122,7 +122,7 @@ pub(super) struct TorusEnergy<'a> {
 }
 
 impl<'a> TorusEnergy<'a> {
-    pub fn new(target: &'a TargetTorus<'a>, layout: &PartialLayout, points: &[Point], cut: Cut, softness: f64) -> Self {
+    pub fn new(target: &'a TargetTorus, layout: &PartialLayout, points: &[Point], cut: Cut, softness: f64) -> Self {
         let (triangles, shifts) = layout.triangles();
         let area_scale = layout.area_scale(points);
         let rest = |t: &[u32; 3]| RestShape::of_triangle(t.map(|v| &points[v as usize]), area_scale);

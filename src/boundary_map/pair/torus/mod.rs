@@ -7,10 +7,10 @@
 //!
 //! No step inverts a triangle in the plane.
 
-mod element;
-mod energy;
-mod search;
-mod star;
+pub(super) mod element;
+pub(super) mod energy;
+pub(super) mod search;
+pub(super) mod star;
 
 use rayon::prelude::*;
 
@@ -72,7 +72,7 @@ fn effort(vertices: usize) -> Effort {
 #[derive(Clone, Copy)]
 struct Search<'a> {
     domain: &'a Laid,
-    target: &'a TargetTorus<'a>,
+    target: &'a TargetTorus,
 }
 
 /// A surface with its own embedding.
@@ -390,16 +390,16 @@ fn distance(a: &Candidate, b: &Candidate, target: &TargetTorus) -> f64 {
 }
 
 /// What does not apply to solids with handles: refused by name.
-pub(super) fn require_options(options: &super::PairOptions) -> Result<(), PairError> {
+pub(super) fn require_options(options: &super::PairOptions, genus: u64) -> Result<(), PairError> {
     let given = [
         (!options.landmarks.pairs().is_empty(), "landmarks"),
         (!options.curves.is_empty(), "landmark curves"),
-        (options.up.is_some(), "directions that point up"),
+        (genus == 1 && options.up.is_some(), "directions that point up"),
         (options.start.is_some(), "a map to start from"),
         (options.method == PairMethod::Conformal, "conformal maps to the sphere"),
     ];
     match given.into_iter().find(|(is_given, _)| *is_given) {
-        Some((_, option)) => Err(PairError::NotWithHandles { option }),
+        Some((_, option)) => Err(PairError::NotWithHandles { option, genus }),
         None => Ok(()),
     }
 }

@@ -25,8 +25,8 @@ const APART: usize = 2;
 /// The most energy of a triangle, over that of an isometry, when maps are compared: a few bad triangles would decide otherwise.
 const MOST_COMPARED: f64 = 25.0;
 /// Softness of the energy where images of triangles are coarse, and where they are fine.
-pub(super) const COARSE_SOFTNESS: f64 = 0.02;
-pub(super) const FINE_SOFTNESS: f64 = 1e-3;
+pub(in crate::boundary_map::pair) const COARSE_SOFTNESS: f64 = 0.02;
+pub(in crate::boundary_map::pair) const FINE_SOFTNESS: f64 = 1e-3;
 /// Parts along a side of a triangle when maps are compared.
 const COMPARED_CUTS: usize = 3;
 

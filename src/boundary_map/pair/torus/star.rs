@@ -3,18 +3,86 @@
 use rayon::prelude::*;
 
 use super::element::{Chain, Derivatives, add_image_derivatives, barrier, barrier_derivatives, image_energy};
-use super::energy::{Cut, Image, TargetTorus, secant};
+use super::energy::{Cut, TargetTorus, secant};
 use crate::boundary_map::pair::line_search::lower_along;
 use crate::spherical::{Curvature, RestShape};
 use crate::toroidal::PartialLayout;
 use crate::{Matrix3, Point, Vector};
 
+/// A layout of a simplified mesh on the surface that a target is laid out on.
+pub(in crate::boundary_map::pair) trait Layout: Sync {
+    type Target: Sync;
+    /// The target around a place, in a plane at height 1.
+    type Around<'t>: TargetAround;
+
+    fn inserted(&self) -> &[u32];
+    /// The neighbours of a vertex, counter-clockwise.
+    fn ring(&self, v: u32) -> impl ExactSizeIterator<Item = u32>;
+    /// The factor that scales the area of the simplified mesh, with its vertices at `points`, to that of the surface laid out on.
+    fn area_scale(&self, points: &[Point]) -> f64;
+    /// The target around a vertex, the place of the vertex in the plane, and those of its ring.
+    fn star<'t>(&self, target: &'t Self::Target, v: u32) -> (Self::Around<'t>, Vector, Vec<Vector>);
+    /// Moves a vertex to a place in the plane of its star.
+    fn move_to(&mut self, v: u32, place: &Vector);
+}
+
+/// The target around a place: from places in a plane at height 1 to points of it.
+pub(in crate::boundary_map::pair) trait TargetAround {
+    /// Where a point was found, for the next search nearby.
+    type Hint: Clone;
+
+    fn hint(&self) -> Self::Hint;
+    /// The image of a place, scaled so that the target's area is that of the surface laid out on.
+    fn image(&self, x: &Vector, hint: &mut Self::Hint) -> Point;
+}
+
+impl Layout for PartialLayout {
+    type Target = TargetTorus;
+    type Around<'t> = &'t TargetTorus;
+
+    fn inserted(&self) -> &[u32] {
+        &self.inserted
+    }
+
+    fn ring(&self, v: u32) -> impl ExactSizeIterator<Item = u32> {
+        self.rings.of(v).iter().map(|r| r.0)
+    }
+
+    fn area_scale(&self, points: &[Point]) -> f64 {
+        self.area_scale(points)
+    }
+
+    fn star<'t>(&self, target: &'t TargetTorus, v: u32) -> (&'t TargetTorus, Vector, Vec<Vector>) {
+        let place = |&(r, shift): &(u32, _)| self.places[r as usize] + self.periods.translation(shift);
+        let ring = self.rings.of(v).iter().map(place).collect();
+        (target, self.places[v as usize], ring)
+    }
+
+    fn move_to(&mut self, v: u32, place: &Vector) {
+        self.places[v as usize] = *place;
+    }
+}
+
+impl TargetAround for &TargetTorus {
+    type Hint = u32;
+
+    fn hint(&self) -> u32 {
+        u32::MAX
+    }
+
+    fn image(&self, x: &Vector, hint: &mut u32) -> Point {
+        let found = TargetTorus::image(self, x, *hint);
+        *hint = found.copy;
+        found.point
+    }
+}
+
 /// Vertices per task.
 const LEAST_SWEPT: usize = 16;
 
 /// What sweeps need to know of a layout: to be made again when vertices are inserted.
-pub(super) struct Sweeper<'a> {
-    target: &'a TargetTorus<'a>,
+pub(in crate::boundary_map::pair) struct Sweeper<'a, L: Layout> {
+    target: &'a L::Target,
     cuts: usize,
     softness: f64,
     /// For each inserted vertex the shapes of its triangles and of their parts, in the order of its ring.
@@ -25,8 +93,8 @@ pub(super) struct Sweeper<'a> {
 
 /// The triangles of one vertex, cut into parts, as a function of its place. Samples are in layers around the vertex: layer `l` has
 /// `l` samples per triangle, and the last one lies on the ring.
-struct Star<'a> {
-    target: &'a TargetTorus<'a>,
+struct Star<'a, T> {
+    target: T,
     cuts: usize,
     softness: f64,
     rests: &'a [[RestShape; 2]],
@@ -35,20 +103,14 @@ struct Star<'a> {
     fixed: Vec<Point>,
 }
 
-impl<'a> Sweeper<'a> {
-    pub fn new(
-        target: &'a TargetTorus<'a>,
-        layout: &PartialLayout,
-        points: &[Point],
-        cuts: usize,
-        softness: f64,
-    ) -> Self {
+impl<'a, L: Layout> Sweeper<'a, L> {
+    pub fn new(target: &'a L::Target, layout: &L, points: &[Point], cuts: usize, softness: f64) -> Self {
         let area_scale = layout.area_scale(points);
         let cut = Cut::new(cuts);
         let of_vertex = |&v: &u32| {
-            let ring = layout.rings.of(v);
+            let ring: Vec<u32> = layout.ring(v).collect();
             let next = ring.iter().cycle().skip(1);
-            let rest = |((a, _), (b, _)): (&(u32, _), &(u32, _))| {
+            let rest = |(a, b): (&u32, &u32)| {
                 let corners = [v, *a, *b].map(|u| &points[u as usize]);
                 let rest = RestShape::of_triangle(corners, area_scale);
                 [rest, cut.part_of(&rest)]
@@ -59,13 +121,13 @@ impl<'a> Sweeper<'a> {
             target,
             cuts,
             softness,
-            rests: layout.inserted.par_iter().map(of_vertex).collect(),
-            groups: independent_groups(layout),
+            rests: layout.inserted().par_iter().map(of_vertex).collect(),
+            groups: independent_groups(layout, points.len()),
         }
     }
 
     /// Moves each vertex from the one with index `first` on once. Those of one group move at the same time.
-    pub fn sweep(&self, layout: &mut PartialLayout, first: usize) {
+    pub fn sweep(&self, layout: &mut L, first: usize) {
         for group in &self.groups {
             let of_group: Vec<usize> = group.iter().copied().filter(|&i| i >= first).collect();
             let moved: Vec<Option<Vector>> = of_group
@@ -75,29 +137,34 @@ impl<'a> Sweeper<'a> {
                 .collect();
             for (i, place) in of_group.into_iter().zip(moved) {
                 if let Some(place) = place {
-                    layout.places[layout.inserted[i] as usize] = place;
+                    layout.move_to(layout.inserted()[i], &place);
                 }
             }
         }
     }
 
-    fn better_place(&self, layout: &PartialLayout, index: usize) -> Option<Vector> {
-        let v = layout.inserted[index];
-        let ring = layout.rings.of(v).iter();
-        let place = |&(r, shift): &(u32, _)| layout.places[r as usize] + layout.periods.translation(shift);
-        let x = layout.places[v as usize];
-        let star = Star::new(self, &self.rests[index], ring.map(place).collect(), &x);
+    fn better_place(&self, layout: &L, index: usize) -> Option<Vector> {
+        let (target, x, ring) = layout.star(self.target, layout.inserted()[index]);
+        let mut star = Star {
+            target,
+            cuts: self.cuts,
+            softness: self.softness,
+            rests: &self.rests[index],
+            ring,
+            fixed: Vec::new(),
+        };
+        let last = star.layer(star.cuts, &x);
+        star.fixed = star.images(&last, &mut star.target.hint());
         star.better_place(&x)
     }
 }
 
 /// Vertices by colours, such that those of neighbours differ: greedily, in the order of their insertion.
-fn independent_groups(layout: &PartialLayout) -> Vec<Vec<usize>> {
-    let mut colour = vec![usize::MAX; layout.places.len()];
+fn independent_groups(layout: &impl Layout, vertices: usize) -> Vec<Vec<usize>> {
+    let mut colour = vec![usize::MAX; vertices];
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    for (i, &v) in layout.inserted.iter().enumerate() {
-        let ring = layout.rings.of(v);
-        let free = (0..groups.len()).find(|&c| ring.iter().all(|r| colour[r.0 as usize] != c));
+    for (i, &v) in layout.inserted().iter().enumerate() {
+        let free = (0..groups.len()).find(|&c| layout.ring(v).all(|r| colour[r as usize] != c));
         let c = free.unwrap_or(groups.len());
         if c == groups.len() {
             groups.push(Vec::new());
@@ -108,32 +175,9 @@ fn independent_groups(layout: &PartialLayout) -> Vec<Vec<usize>> {
     groups
 }
 
-impl<'a> Star<'a> {
-    fn new(sweeper: &Sweeper<'a>, rests: &'a [[RestShape; 2]], ring: Vec<Vector>, x: &Vector) -> Self
-    where
-        'a: 'a,
-    {
-        let mut star = Self {
-            target: sweeper.target,
-            cuts: sweeper.cuts,
-            softness: sweeper.softness,
-            rests,
-            ring,
-            fixed: Vec::new(),
-        };
-        let mut copy = u32::MAX;
-        let last = star.layer(star.cuts, x);
-        star.fixed = star.images(&last, &mut copy);
-        star
-    }
-
-    fn images(&self, places: &[Vector], copy: &mut u32) -> Vec<Point> {
-        let image = |x: &Vector| {
-            let Image { point, copy: found } = self.target.image(x, *copy);
-            *copy = found;
-            point
-        };
-        places.iter().map(image).collect()
+impl<T: TargetAround> Star<'_, T> {
+    fn images(&self, places: &[Vector], hint: &mut T::Hint) -> Vec<Point> {
+        places.iter().map(|x| self.target.image(x, hint)).collect()
     }
 
     /// The places of a layer, in turn.
@@ -161,8 +205,7 @@ impl<'a> Star<'a> {
         for layer in 1..self.cuts {
             places.extend(self.layer(layer, x));
         }
-        let mut copy = u32::MAX;
-        let mut images = self.images(&places, &mut copy);
+        let mut images = self.images(&places, &mut self.target.hint());
         places.extend(self.layer(self.cuts, x));
         images.extend_from_slice(&self.fixed);
         (places, images)

@@ -1,0 +1,385 @@
+//! A bijective boundary map between two solids of one genus, 2 or more: the composition of two embeddings in one hyperbolic surface.
+//!
+//! 1. The target is laid out on a hyperbolic surface.
+//! 2. The solids are aligned, and each alignment's closest points tell a class of maps ([`lifting`]): springs lay out a coarse domain in
+//!    that class. Those that cover the target once are optimised and compared.
+//! 3. The best layout of the domain is refined, and at every level optimised for low distortion of the map from surface to surface.
+//!
+//! No step inverts a triangle in the hyperbolic plane.
+
+mod lifting;
+mod target;
+
+use rayon::prelude::*;
+
+use super::alignment::align_with_progress;
+use super::targets::vertex_targets;
+use super::torus::search::{COARSE_SOFTNESS, FINE_SOFTNESS};
+use super::torus::star::Sweeper;
+use super::{
+    AlignmentSurface, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport, PairStart,
+    PairStartKind, PairTimings, Stretch, distortion, is_lower,
+};
+use crate::Point;
+use crate::boundary_map::BoundaryMap;
+use crate::geometry::Similarity;
+use crate::hyperbolic::{HyperbolicError, HyperbolicLayout, HyperbolicSurface};
+use crate::mesh::SurfaceMesh;
+use lifting::TargetPaths;
+use target::{HyperbolicTarget, mean_energy};
+
+/// Vertices of the domain, for each handle, when classes are compared, and when the best are compared again.
+const COMPARED_VERTICES: usize = 400;
+/// The most energy of a triangle, over that of an isometry, when maps are compared.
+const MOST_COMPARED: f64 = 25.0;
+const COMPARED_CUTS: usize = 3;
+/// Rounds of sweeps of the coarsest layout, and at the end at most; and the relative decrease of the energy below which one is the last.
+const BASE_SWEEPS: usize = 40;
+const LAST_ROUNDS: usize = 6;
+const SWEEPS_PER_ROUND: usize = 5;
+const LEAST_DECREASE: f64 = 3e-3;
+
+/// Sweeps at a level.
+struct Effort {
+    cuts: usize,
+    softness: f64,
+    new_sweeps: usize,
+    sweeps: usize,
+}
+
+/// The effort at a level with this many vertices.
+fn effort(vertices: usize) -> Effort {
+    match vertices {
+        ..1500 => Effort {
+            cuts: 3,
+            softness: COARSE_SOFTNESS,
+            new_sweeps: 2,
+            sweeps: 10,
+        },
+        1500..6000 => Effort {
+            cuts: 2,
+            softness: FINE_SOFTNESS,
+            new_sweeps: 2,
+            sweeps: 5,
+        },
+        _ => Effort {
+            cuts: 1,
+            softness: FINE_SOFTNESS,
+            new_sweeps: 2,
+            sweeps: 3,
+        },
+    }
+}
+
+/// A layout of the domain in one class of maps.
+#[derive(Clone)]
+struct Candidate {
+    layout: HyperbolicLayout,
+    kind: PairStartKind,
+    /// Mean symmetric Dirichlet energy, 1 for an isometry.
+    energy: f64,
+}
+
+/// What the layouts of a search have in common.
+struct Search {
+    domain: HyperbolicSurface,
+    target: HyperbolicTarget,
+}
+
+impl Search {
+    fn points(&self) -> &[Point] {
+        self.domain.surface().vertices()
+    }
+
+    fn optimise(&self, layout: &mut HyperbolicLayout, effort: &Effort) {
+        let sweeper = Sweeper::new(&self.target, layout, self.points(), effort.cuts, effort.softness);
+        (0..effort.new_sweeps).for_each(|_| sweeper.sweep(layout, layout.level_start));
+        (0..effort.sweeps).for_each(|_| sweeper.sweep(layout, 0));
+    }
+
+    fn energy(&self, layout: &HyperbolicLayout) -> f64 {
+        mean_energy(
+            layout,
+            &self.target,
+            self.points(),
+            COMPARED_CUTS,
+            FINE_SOFTNESS,
+            MOST_COMPARED,
+        )
+    }
+}
+
+impl PairMapping<'_> {
+    /// The map through a hyperbolic surface of this genus.
+    pub(super) fn by_hyperbolic_surface(&self, genus: usize) -> Result<PairMaps, PairError> {
+        self.report(PairPhase::HyperbolicSurface)?;
+        let of_side = |side| move |error| PairError::Hyperbolic { side, error };
+        let laid_out = |surface: &SurfaceMesh| {
+            let prepared = HyperbolicSurface::new(surface.clone(), genus);
+            prepared.embedded(&prepared.laid_out()?)
+        };
+        let embedding = laid_out(self.target).map_err(of_side("target"))?;
+        let search = Search {
+            domain: HyperbolicSurface::new(self.domain.clone(), genus),
+            target: HyperbolicTarget::new(embedding),
+        };
+        let laid = self.elapsed();
+        let alignments = self.alignments()?;
+        let aligned = self.elapsed();
+
+        let mut ranked = self.candidates(&search, &alignments, genus)?;
+        let compared = self.elapsed();
+        if ranked.is_empty() {
+            return Err(PairError::NoClass {
+                tried: alignments.len(),
+            });
+        }
+        let count = ranked.len();
+        let others = ranked.split_off(1);
+        let best = &ranked[0];
+        let before = self.completed_on_hyperbolic_surface(&search, best, false)?;
+        let after = match self.options.improve {
+            true => self.completed_on_hyperbolic_surface(&search, best, true)?,
+            false => before.clone(),
+        };
+        let improved = self.elapsed();
+        let through = |layout: &HyperbolicLayout| -> Result<BoundaryMap, PairError> {
+            let embedding = search.domain.embedded(layout).map_err(of_side("domain"))?;
+            Ok(BoundaryMap::through_hyperbolic_surface(
+                embedding,
+                search.target.embedding.clone(),
+            )?)
+        };
+        self.report(PairPhase::Measuring { done: 0, of: 2 })?;
+        let no_area = || PairError::from(super::AlignError::NoArea { side: "domain" });
+        let mut map = through(&after)?;
+        let of_after = distortion(&map).ok_or_else(no_area)?;
+        self.report(PairPhase::Measuring { done: 1, of: 2 })?;
+        let first = through(&before).ok();
+        let of_before = first.as_ref().and_then(distortion).unwrap_or(of_after);
+        let mut distortions = [of_before, of_after];
+        if let Some(first) = first.filter(|_| !is_lower(&of_after, &of_before)) {
+            (map, distortions) = (first, [of_before; 2]);
+        }
+        let stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
+        let mut alternatives = Vec::new();
+        for other in others.iter().take(self.options.alternatives) {
+            alternatives.push(through(&self.completed_on_hyperbolic_surface(&search, other, true)?)?);
+        }
+        let diagonal = search.target.embedding.surface().diagonal();
+        let summary = |candidate: &Candidate| PairStart {
+            kind: candidate.kind,
+            energy: super::ISOMETRY_ENERGY * candidate.energy,
+            vertices: candidate.layout.inserted.len(),
+        };
+        let report = PairReport {
+            method: PairMethod::HyperbolicSurface,
+            landmarks: 0,
+            landmark_error: 0.0,
+            coarse_embeddings: count,
+            starts: ranked.iter().chain(&others).map(summary).collect(),
+            start: 0,
+            alternatives: others
+                .iter()
+                .map(|other| PairAlternative {
+                    kind: other.kind,
+                    energy_ratio: other.energy / best.energy,
+                    isometry_defect: None,
+                    distance: distance(other, best, &search.target) / diagonal,
+                })
+                .collect(),
+            rotations: vec![],
+            schedule: None,
+            torus: None,
+            before: distortions[0],
+            after: distortions[1],
+            isometry_defect: None,
+            nearer_isometry: None,
+            stretch,
+            timings: PairTimings {
+                sphere: laid,
+                align: aligned - laid,
+                coarse: compared - aligned,
+                improve: improved - compared,
+                total: self.elapsed(),
+            },
+            concluded: self.reporter.should_conclude(),
+            warnings: vec![],
+        };
+        Ok(PairMaps {
+            map,
+            report,
+            alternatives,
+        })
+    }
+
+    /// Similarities from the domain to the target, and what they come from.
+    fn alignments(&self) -> Result<Vec<(Similarity, PairStartKind)>, PairError> {
+        if self.options.aligned {
+            return Ok(vec![(Similarity::identity(), PairStartKind::Aligned)]);
+        }
+        self.report(PairPhase::Aligning { done: 0, of: 0 })?;
+        let from = AlignmentSurface::new(self.domain, "domain")?;
+        let to = AlignmentSurface::new(self.target, "target")?;
+        let found = align_with_progress(&from, &to, self.options.up.as_ref(), &|_, _| ());
+        let as_start = |alignment: &super::Alignment| (alignment.similarity, PairStartKind::Alignment);
+        Ok(found.best.iter().map(as_start).collect())
+    }
+
+    /// Layouts of the domain by the closest points of each alignment, those that lead to a map, best first.
+    fn candidates(
+        &self,
+        search: &Search,
+        alignments: &[(Similarity, PairStartKind)],
+        genus: usize,
+    ) -> Result<Vec<Candidate>, PairError> {
+        let from = AlignmentSurface::new(self.domain, "domain")?;
+        let to = AlignmentSurface::new(self.target, "target")?;
+        let paths = TargetPaths::new(&search.target.embedding);
+        let mut found: Vec<Candidate> = Vec::new();
+        for (done, (similarity, kind)) in alignments.iter().enumerate() {
+            self.report(PairPhase::CoarseEmbeddings {
+                vertices: COMPARED_VERTICES * genus,
+                done,
+                of: alignments.len(),
+            })?;
+            let targets = vertex_targets(&from, &to, similarity);
+            let places: Vec<_> = targets.into_iter().map(|target| target.map(|t| t.place)).collect();
+            let Some((rings, starts)) = paths.lifted(self.domain, &places) else {
+                continue;
+            };
+            let group = search.target.embedding.group().clone();
+            let laid = HyperbolicLayout::collapsed(group, rings, starts, search.domain.hierarchy());
+            let Ok(mut layout) = laid else { continue };
+            let base = Effort {
+                sweeps: BASE_SWEEPS,
+                ..effort(0)
+            };
+            search.optimise(&mut layout, &base);
+            let refined = layout.refine(search.domain.hierarchy(), COMPARED_VERTICES * genus, |layout| {
+                search.optimise(layout, &effort(layout.inserted.len()));
+            });
+            if refined.is_ok() {
+                let energy = search.energy(&layout);
+                found.push(Candidate {
+                    layout,
+                    kind: *kind,
+                    energy,
+                });
+            }
+        }
+        found.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+        Ok(found)
+    }
+
+    /// A candidate with the rest of the vertices, its distortion lowered or as it comes.
+    fn completed_on_hyperbolic_surface(
+        &self,
+        search: &Search,
+        coarse: &Candidate,
+        improve: bool,
+    ) -> Result<HyperbolicLayout, PairError> {
+        let points = search.points();
+        let mut layout = coarse.layout.clone();
+        let refined = layout.refine(search.domain.hierarchy(), usize::MAX, |layout| {
+            let vertices = layout.inserted.len();
+            if improve && self.reporter.should_improve() {
+                search.optimise(layout, &effort(vertices));
+                // A cancellation takes effect at the next level.
+                let _ = self.report(PairPhase::Refining {
+                    vertices,
+                    total: points.len(),
+                    energy: super::ISOMETRY_ENERGY * coarse.energy,
+                });
+            }
+        });
+        let side = "domain";
+        refined.map_err(|error: HyperbolicError| PairError::Hyperbolic { side, error })?;
+        if !improve {
+            return Ok(layout);
+        }
+        let last = Effort {
+            new_sweeps: 0,
+            sweeps: SWEEPS_PER_ROUND,
+            cuts: if points.len() > 12_000 { 1 } else { 2 },
+            softness: FINE_SOFTNESS,
+        };
+        let energy_of = |layout: &HyperbolicLayout| {
+            mean_energy(layout, &search.target, points, last.cuts, FINE_SOFTNESS, f64::INFINITY)
+        };
+        let mut energy = energy_of(&layout);
+        for round in 0..LAST_ROUNDS {
+            if !self.reporter.should_improve() {
+                break;
+            }
+            self.report(PairPhase::Improving {
+                rounds: round,
+                most_rounds: LAST_ROUNDS,
+            })?;
+            search.optimise(&mut layout, &last);
+            let lowered = energy_of(&layout);
+            if lowered > (1.0 - LEAST_DECREASE) * energy {
+                break;
+            }
+            energy = lowered;
+        }
+        Ok(layout)
+    }
+}
+
+/// The mean distance of the images of the vertices that both have.
+fn distance(a: &Candidate, b: &Candidate, target: &HyperbolicTarget) -> f64 {
+    let count = a.layout.inserted.len().min(b.layout.inserted.len());
+    let of_vertex = |&v: &u32| {
+        let [a, b] = [a, b].map(|c| target.position(&c.layout.places[v as usize]));
+        (a - b).norm()
+    };
+    let distances: Vec<f64> = a.layout.inserted[..count].par_iter().map(of_vertex).collect();
+    distances.iter().sum::<f64>() / count.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{PairOptions, map_pair};
+    use super::*;
+    use crate::hyperbolic::testing::plate_with_holes;
+    use crate::mesh::shapes;
+    use crate::progress::ProgressControl;
+
+    fn mapped(domain: &SurfaceMesh, target: &SurfaceMesh, aligned: bool) -> (BoundaryMap, PairReport) {
+        let options = PairOptions {
+            aligned,
+            ..PairOptions::default()
+        };
+        map_pair(domain, target, &options, &|_| ProgressControl::Continue).unwrap()
+    }
+
+    #[test]
+    fn a_finer_copy_in_place_is_nearly_an_isometry() {
+        for (coarse, fine) in [
+            (shapes::double_torus(3), shapes::double_torus(5)),
+            (plate_with_holes(3, 2), plate_with_holes(3, 4)),
+        ] {
+            let (map, report) = mapped(&coarse, &fine, true);
+            println!("{:?} {:?}", report.after, report.timings);
+            let off = map.image().iter().zip(coarse.vertices()).map(|(q, p)| (q - p).norm());
+            let mean = off.sum::<f64>() / coarse.vertices().len() as f64;
+            assert!(mean < 0.02 * coarse.diagonal(), "{mean}");
+            let back = map.inverse().unwrap();
+            for p in back.image() {
+                assert!(p.iter().all(|c| c.is_finite()));
+            }
+        }
+    }
+
+    #[test]
+    fn a_turned_and_bent_solid_is_aligned_and_mapped() {
+        let domain = shapes::double_torus(4);
+        let turned = shapes::deformed(&domain, |p| Point::new(-p.y + 0.02 * p.x * p.x, p.x, 1.2 * p.z));
+        let (map, report) = mapped(&domain, &turned, false);
+        println!("{:?} {:?}", report.after, report.timings);
+        let off = map.image().iter().zip(turned.vertices()).map(|(q, p)| (q - p).norm());
+        let mean = off.sum::<f64>() / domain.vertices().len() as f64;
+        println!("{mean} of {}", turned.diagonal());
+    }
+}
