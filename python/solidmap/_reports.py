@@ -306,6 +306,7 @@ class PairReport(Report):
     rotations: List[float]
     schedule: Optional[Dict[str, Any]]
     torus: Optional[Dict[str, Any]]
+    hyperbolic: Optional[Dict[str, Any]]
     before: Dict[str, Any]
     after: Dict[str, Any]
     isometry_defect: Optional[float]
@@ -318,9 +319,10 @@ class PairReport(Report):
 
     def _rows(self) -> Rows:
         stretch = self.stretch
-        surface = "torus" if self.torus else "sphere"
+        surface = "torus" if self.torus else "hyperbolic surface" if self.hyperbolic else "sphere"
+        decided = "" if self.hyperbolic else ", decided exactly"
         rows = [
-            ("map", f"one to one: no triangle flipped on the {surface}, degree 1, decided exactly"),
+            ("map", f"one to one: no triangle flipped on the {surface}, degree 1{decided}"),
             ("coarse", f"the best of {self.coarse_embeddings} coarse embeddings"),
         ]
         if self.landmarks:

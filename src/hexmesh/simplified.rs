@@ -2,7 +2,7 @@
 //! the simplified one's.
 //!
 //! What a deformation costs grows with the tetrahedra, and what is wanted of it, a few charts that follow the shape, does not need
-//! more of them. The simplified boundary is mapped to the model's through embeddings in the sphere or a flat torus, so that every point of
+//! more of them. The simplified boundary is mapped to the model's through embeddings in the sphere, a flat torus or a hyperbolic surface, so that every point of
 //! the polycube's boundary has its point of the model's own, one to one.
 
 use super::{HexmeshError, HexmeshOptions, HexmeshPhase};
@@ -90,6 +90,11 @@ pub(super) fn onto_model(
         let embedding = ToroidalEmbedding::new(polycube, embedding.positions(), embedding.translations())
             .map_err(|error| PairError::Torus { side: "domain", error })?;
         BoundaryMap::through_torus(embedding, target.clone())?
+    } else if let Some([embedding, target]) = onto.hyperbolic_embeddings() {
+        let embedding = embedding
+            .over(polycube)
+            .map_err(|error| PairError::Hyperbolic { side: "domain", error })?;
+        BoundaryMap::through_hyperbolic_surface(embedding, target.clone())?
     } else {
         return Err(PairError::NoEmbedding.into());
     };

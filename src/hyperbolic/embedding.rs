@@ -7,12 +7,12 @@ use rayon::prelude::*;
 
 use super::minkowski::{Chart, lifted, normalised, triangle_area};
 use super::polygon::SurfaceGroup;
-use super::word::{Letter, Word};
+use super::word::{Letter, Relator, Word};
 use crate::Vector;
 use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::spherical::{EmbeddingCheck, SphericalError, positive_det, require_genus};
-use crate::toroidal::DeckGroup;
+use crate::toroidal::{DeckGroup, LiftedRings};
 
 /// A bijection of a closed surface of genus 2 or more with a closed surface of curvature −1: the hyperbolic plane, where points are one
 /// if a side pairing of a regular polygon with `4g` sides, or a product of some, takes one to the other.
@@ -190,6 +190,27 @@ impl HyperbolicEmbedding {
         Ok(embedding)
     }
 
+    /// The same places for another surface with these triangles.
+    ///
+    /// # Errors
+    ///
+    /// [`HyperbolicError::Count`] when its vertices or triangles are others.
+    pub fn over(&self, surface: SurfaceMesh) -> Result<Self, HyperbolicError> {
+        let is_alike = surface.vertices().len() == self.places.len() && surface.triangles() == self.surface.triangles();
+        match is_alike {
+            true => Ok(Self {
+                surface,
+                ..self.clone()
+            }),
+            false => Err(HyperbolicError::Count {
+                vertices: surface.vertices().len(),
+                triangles: surface.triangles().len(),
+                places: self.places.len(),
+                words: self.corners.len(),
+            }),
+        }
+    }
+
     /// The surface, its triangles facing outward.
     pub fn surface(&self) -> &SurfaceMesh {
         &self.surface
@@ -237,6 +258,12 @@ impl HyperbolicEmbedding {
         let corners = self.corners(point.triangle as usize);
         let [l, m, n] = point.barycentric;
         normalised(&(l * corners[0] + m * corners[1] + n * corners[2]))
+    }
+
+    /// The rings of the vertices on the universal cover.
+    pub(crate) fn lifted_rings(&self) -> LiftedRings<Arc<Relator>> {
+        let (count, triangles) = (self.places.len(), self.surface.triangles());
+        LiftedRings::new(self.group.relator.clone(), count, triangles, &self.corners)
     }
 
     /// For the sides of each triangle, from corner `k` to the next: the triangle on the other side, and the word that takes the frame

@@ -25,6 +25,8 @@ pub(crate) struct HyperbolicLocator {
 #[derive(Debug, Clone)]
 struct CoverTriangle {
     corners: [Vector; 3],
+    /// Their products with a place are its weights, up to a factor near 1; zero where rounding would magnify too much.
+    by_corner: [Vector; 3],
     /// The triangle on the other side of each side.
     across: [u32; 3],
     /// From the frame of this triangle to that of the one across; `None` where they are the same.
@@ -52,6 +54,8 @@ struct Starts {
 const CELLS: usize = 64;
 /// A place is in a triangle if its barycentric coordinates are above minus this.
 const ROUNDING: f64 = 1e-12;
+/// Quick weights are surely negative below minus this.
+const SURELY: f64 = 0.01;
 /// A place between two triangles that disagree about their side by rounding is in the first of them.
 const GAP: f64 = 1e-7;
 
@@ -70,6 +74,7 @@ impl HyperbolicLocator {
         let group = embedding.group();
         let of_triangle = |(t, crossings): (usize, [(u32, Word); 3])| CoverTriangle {
             corners: embedding.corners(t),
+            by_corner: by_corner(&embedding.corners(t)),
             across: [0, 1, 2].map(|side| crossings[side].0),
             to_frame: crossings.map(|(_, word)| (!word.is_identity()).then(|| Box::new(group.matrix(&word)))),
         };
@@ -126,7 +131,12 @@ impl HyperbolicLocator {
         let mut best: Option<(f64, Located)> = None;
         for step in 0.. {
             let own = &self.triangles[t as usize];
-            let weights = barycentric(&x, &own.corners);
+            // Quickly, and where that does not tell for sure precisely.
+            let mut weights = own.by_corner.map(|side| side.dot(&x));
+            let is_outside = weights.iter().any(|&weight| weight < -SURELY);
+            if !is_outside {
+                weights = barycentric(&x, &own.corners);
+            }
             let least = weights.iter().copied().fold(f64::INFINITY, f64::min);
             let here = || Located {
                 point: point(t, weights),
@@ -135,17 +145,18 @@ impl HyperbolicLocator {
             if least >= -ROUNDING {
                 return here();
             }
-            if best.as_ref().is_none_or(|(so_far, _)| least > *so_far) {
+            if !is_outside && best.as_ref().is_none_or(|(so_far, _)| least > *so_far) {
                 best = Some((least, here()));
             }
             random = random
                 .wrapping_mul(6_364_136_223_846_793_005)
                 .wrapping_add(1_442_695_040_888_963_407);
             // The side opposite to a corner with a negative weight.
-            let outside: smallvec::SmallVec<[usize; 3]> =
-                (0..3).filter(|&k| weights[(k + 2) % 3] < -ROUNDING).collect();
-            let side = outside[(random >> 33) as usize % outside.len()];
-            let is_between = own.across[side] == last && outside.len() == 1 && least > -GAP;
+            let is_beyond = [2, 0, 1].map(|k| weights[k] < -ROUNDING);
+            let count = is_beyond.iter().filter(|&&is| is).count();
+            let drawn = (random >> 33) as usize % count.max(1);
+            let side = (0..3).filter(|&side| is_beyond[side]).nth(drawn).unwrap_or(0);
+            let is_between = own.across[side] == last && count == 1 && least > -GAP;
             if is_between || step > most {
                 return best.map_or_else(here, |(_, found)| found);
             }
@@ -166,6 +177,16 @@ fn point(triangle: u32, weights: [f64; 3]) -> SurfacePoint {
         triangle,
         barycentric: kept.map(|w| w / sum),
     }
+}
+
+fn by_corner([a, b, c]: &[Vector; 3]) -> [Vector; 3] {
+    let det = crate::spherical::det(a, b, c);
+    let size = a.z.max(b.z).max(c.z);
+    if 1e-14 * size.powi(3) > SURELY * det {
+        return [Vector::zeros(); 3];
+    }
+    // By differences, which keep the digits of small triangles.
+    [[b, c], [c, a], [a, b]].map(|[p, q]| p.cross(&(q - p)) / det)
 }
 
 /// Back onto the hyperboloid, which products of matrices leave by rounding.

@@ -28,15 +28,9 @@ enum Push {
 /// is not 0 positive. `None` where the linking numbers contradict each other, so that the surface passes through itself or
 /// comes closer to itself than a thousandth of its edges.
 pub(crate) fn meridian_class(surface: &SurfaceMesh, loops: &[HandleLoop]) -> Option<[i32; 2]> {
-    let outer = linking_matrix(surface, loops, Push::Outward)?;
-    let inner = linking_matrix(surface, loops, Push::Inward)?;
-    // Pushing a dual loop through the surface changes its linking number with a loop by the crossings of the two.
-    let changes = [0, 1].map(|j| [0, 1].map(|k| outer[j][k] - inner[j][k]));
-    if changes != [[1, 0], [0, 1]] && changes != [[-1, 0], [0, -1]] {
-        return None;
-    }
+    let outer = outer_linking(surface, loops)?;
     // Row vectors c with c L = 0: L has rank 1.
-    let [[a, b], [c, d]] = outer;
+    let [[a, b], [c, d]] = [0, 1].map(|j| [0, 1].map(|k| outer[j][k]));
     if a * d != b * c {
         return None;
     }
@@ -49,20 +43,33 @@ pub(crate) fn meridian_class(surface: &SurfaceMesh, loops: &[HandleLoop]) -> Opt
     Some([sign * p / divisor, sign * q / divisor])
 }
 
+/// Entry `j, k`: the linking number of loop `j` with dual loop `k`, pushed outward. A combination of loops bounds in the solid if and
+/// only if it links none. `None` where the numbers contradict each other, as in [`meridian_class`].
+pub(crate) fn outer_linking(surface: &SurfaceMesh, loops: &[HandleLoop]) -> Option<Vec<Vec<i32>>> {
+    let outer = linking_matrix(surface, loops, Push::Outward)?;
+    let inner = linking_matrix(surface, loops, Push::Inward)?;
+    // Pushing a dual loop through the surface changes its linking number with a loop by the crossings of the two.
+    let is_unit = |sign: i32| {
+        let entry = |j: usize, k: usize| outer[j][k] - inner[j][k] == sign * i32::from(j == k);
+        (0..loops.len()).all(|j| (0..loops.len()).all(|k| entry(j, k)))
+    };
+    (is_unit(1) || is_unit(-1)).then_some(outer)
+}
+
 fn gcd(a: i32, b: i32) -> i32 {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
 /// Entry `j, k`: the linking number of loop `j` with dual loop `k`, pushed off the surface.
-fn linking_matrix(surface: &SurfaceMesh, loops: &[HandleLoop], push: Push) -> Option<[[i32; 2]; 2]> {
+fn linking_matrix(surface: &SurfaceMesh, loops: &[HandleLoop], push: Push) -> Option<Vec<Vec<i32>>> {
     let topology = Topology::new(surface);
-    let [first, second] = loops else { return None };
-    let pushed = [first, second].map(|l| pushed_dual(surface, &topology, l, push));
-    let own = [first, second].map(|l| -> Vec<Point> {
+    let pushed: Vec<Vec<Point>> = loops.iter().map(|l| pushed_dual(surface, &topology, l, push)).collect();
+    let own = loops.iter().map(|l| -> Vec<Point> {
         let vertices = l.loop_vertices.iter();
         vertices.map(|&v| surface.vertices()[v as usize]).collect()
     });
-    let mut matrix = [[0; 2]; 2];
+    let own: Vec<Vec<Point>> = own.collect();
+    let mut matrix = vec![vec![0; loops.len()]; loops.len()];
     for (row, own) in matrix.iter_mut().zip(&own) {
         for (entry, pushed) in row.iter_mut().zip(&pushed) {
             let number = linking_number(own, pushed);

@@ -14,7 +14,9 @@ mod rings;
 mod springs;
 
 pub use embedding::{ToroidalEmbedding, ToroidalError, require_genus_1};
+pub(crate) use handles::{HandleLoop, handle_loops};
 pub(crate) use layout::{LatticeMap, PartialLayout, Periods, TORUS_AREA, TorusSurface, place_in_kernel};
+pub(crate) use linking::outer_linking;
 pub(crate) use locate::ToroidalLocator;
 pub(crate) use rings::{DeckGroup, LiftedRings};
 

@@ -92,7 +92,11 @@ pub fn to_model(
         // Any one of the coarse embeddings becomes a map by inserting the rest of the vertices.
         let has_result = !matches!(
             phase,
-            PairPhase::Sphere(..) | PairPhase::Tori | PairPhase::Aligning { .. } | PairPhase::Intrinsic { .. }
+            PairPhase::Sphere(..)
+                | PairPhase::Tori
+                | PairPhase::HyperbolicSurface
+                | PairPhase::Aligning { .. }
+                | PairPhase::Intrinsic { .. }
         );
         interrupt::control_until(share, has_result)
     };
@@ -105,6 +109,10 @@ pub fn to_model(
         PairError::Torus { side, error } => {
             let file = files[usize::from(side == "target")].display();
             anyhow::Error::new(error).context(format!("cannot map `{file}` to a flat torus"))
+        }
+        PairError::Hyperbolic { side, error } => {
+            let file = files[usize::from(side == "target")].display();
+            anyhow::Error::new(error).context(format!("cannot map `{file}` to a hyperbolic surface"))
         }
         PairError::Curves(error) => {
             let file = args.landmark_curves.as_deref().unwrap_or(files[0]);
@@ -200,6 +208,7 @@ pub fn show_phase(phase: PairPhase, output: &Output) {
             output.progress_of(phase, iterations, most_iterations);
         }
         PairPhase::Tori => output.progress("laying both solids out on tori"),
+        PairPhase::HyperbolicSurface => output.progress("laying the target out on a hyperbolic surface"),
         PairPhase::Intrinsic { done, of } => output.progress_of("intrinsic shapes", done, of),
         PairPhase::Aligning { of: 0, .. } => output.progress("aligning"),
         PairPhase::Aligning { done, of } => output.progress_of("aligning", done, of),

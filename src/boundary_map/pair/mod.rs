@@ -44,8 +44,8 @@ pub use landmarks::{LandmarkError, Landmarks};
 pub use options::{PairMethod, PairOptions};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
 pub use report::{
-    NearerIsometry, PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind, PairTimings,
-    TorusReport,
+    HyperbolicReport, NearerIsometry, PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind,
+    PairTimings, TorusReport,
 };
 pub use rotation::{RotationMatch, search_rotations};
 pub use stretch::Stretch;
@@ -417,6 +417,7 @@ impl PairMapping<'_> {
             rotations: vec![],
             schedule: Some(best.schedule),
             torus: None,
+            hyperbolic: None,
             before,
             after,
             isometry_defect: of_map,
@@ -625,6 +626,7 @@ impl PairMapping<'_> {
             rotations,
             schedule: None,
             torus: None,
+            hyperbolic: None,
             before,
             after,
             isometry_defect: None,

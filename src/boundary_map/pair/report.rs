@@ -95,6 +95,8 @@ pub struct PairReport {
     pub schedule: Option<SoftTargetSchedule>,
     /// What was found for solids of genus 1; `None` for others.
     pub torus: Option<TorusReport>,
+    /// What was found for solids of genus 2 and more; `None` for others.
+    pub hyperbolic: Option<HyperbolicReport>,
     /// Distortion of the map before its distortion was minimised.
     pub before: SurfaceDistortion,
     /// Distortion of the map.
@@ -134,6 +136,19 @@ pub struct TorusReport {
     /// twisted ones of both solids.
     pub twist: i32,
     /// Energy of the best map of another class, over that of the one taken, when they were last compared.
+    pub runner_up: Option<f64>,
+}
+
+/// How the map between solids of genus 2 and more was found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct HyperbolicReport {
+    /// Handles of each solid.
+    pub genus: usize,
+    /// Alignments that were tried.
+    pub alignments: usize,
+    /// Those whose closest points take every handle to one of the target.
+    pub classes: usize,
+    /// Energy of the next best of them over that of the one taken, when they were compared.
     pub runner_up: Option<f64>,
 }
 

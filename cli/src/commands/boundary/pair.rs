@@ -158,6 +158,20 @@ fn torus_method(pair: &PairReport) -> String {
     )
 }
 
+fn hyperbolic_method(pair: &PairReport) -> String {
+    let Some(found) = pair.hyperbolic else {
+        return "a hyperbolic surface".into();
+    };
+    let next = match found.runner_up {
+        Some(ratio) => format!("; the next has {ratio:.2} times its energy"),
+        None => String::new(),
+    };
+    format!(
+        "a hyperbolic surface of genus {}, the best of {} alignments, {} of which take handles to handles{next}",
+        found.genus, found.alignments, found.classes
+    )
+}
+
 fn summary(report: &PairSummary) -> String {
     let pair = &report.pair;
     let seconds = pair.timings;
@@ -171,6 +185,7 @@ fn summary(report: &PairSummary) -> String {
             schedule.until_vertices
         ),
         (PairMethod::FlatTori, _) => torus_method(pair),
+        (PairMethod::HyperbolicSurface, _) => hyperbolic_method(pair),
         _ => format!(
             "conformal maps of both; the best of {} rotations, by areas",
             pair.rotations.len()
@@ -182,6 +197,9 @@ fn summary(report: &PairSummary) -> String {
             match pair.method {
                 PairMethod::FlatTori => {
                     "one to one: no triangle flipped on the torus, degree 1, decided exactly".into()
+                }
+                PairMethod::HyperbolicSurface => {
+                    "one to one: no triangle flipped on the hyperbolic surface, covered once; words around every edge exact".into()
                 }
                 _ => "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
             },
@@ -237,10 +255,10 @@ fn summary(report: &PairSummary) -> String {
         format!(
             "{:.1} s: {} {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}",
             seconds.total,
-            if pair.method == PairMethod::FlatTori {
-                "tori"
-            } else {
-                "spheres"
+            match pair.method {
+                PairMethod::FlatTori => "tori",
+                PairMethod::HyperbolicSurface => "hyperbolic surface",
+                _ => "spheres",
             },
             seconds.sphere,
             seconds.align,

@@ -8,6 +8,7 @@
 //! No step inverts a triangle in the hyperbolic plane.
 
 mod lifting;
+mod meridians;
 mod target;
 
 use rayon::prelude::*;
@@ -17,8 +18,8 @@ use super::targets::vertex_targets;
 use super::torus::search::{COARSE_SOFTNESS, FINE_SOFTNESS};
 use super::torus::star::Sweeper;
 use super::{
-    AlignmentSurface, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport, PairStart,
-    PairStartKind, PairTimings, Stretch, distortion, is_lower,
+    AlignmentSurface, HyperbolicReport, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase,
+    PairReport, PairStart, PairStartKind, PairTimings, Stretch, distortion, is_lower,
 };
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
@@ -26,15 +27,20 @@ use crate::geometry::Similarity;
 use crate::hyperbolic::{HyperbolicError, HyperbolicLayout, HyperbolicSurface};
 use crate::mesh::SurfaceMesh;
 use lifting::TargetPaths;
+use meridians::Meridians;
 use target::{HyperbolicTarget, mean_energy};
 
-/// Vertices of the domain, for each handle, when classes are compared, and when the best are compared again.
+/// Vertices of the domain, for each handle, when the best classes are compared again.
 const COMPARED_VERTICES: usize = 400;
+/// They are compared again when their energy with the coarsest layout is at most this times the least, and this many.
+const AS_GOOD_COARSE: f64 = 1.25;
+const MOST_COMPARED_AGAIN: usize = 3;
 /// The most energy of a triangle, over that of an isometry, when maps are compared.
 const MOST_COMPARED: f64 = 25.0;
 const COMPARED_CUTS: usize = 3;
-/// Rounds of sweeps of the coarsest layout, and at the end at most; and the relative decrease of the energy below which one is the last.
-const BASE_SWEEPS: usize = 40;
+/// Sweeps of the coarsest layout when classes are compared first, and again; rounds at the end, at most, the sweeps of each, and the relative decrease of the energy below which one is the last.
+const FIRST_SWEEPS: usize = 15;
+const BASE_SWEEPS: usize = 20;
 const LAST_ROUNDS: usize = 6;
 const SWEEPS_PER_ROUND: usize = 5;
 const LEAST_DECREASE: f64 = 3e-3;
@@ -191,6 +197,12 @@ impl PairMapping<'_> {
             rotations: vec![],
             schedule: None,
             torus: None,
+            hyperbolic: Some(HyperbolicReport {
+                genus,
+                alignments: alignments.len(),
+                classes: count,
+                runner_up: others.first().map(|other| other.energy / best.energy),
+            }),
             before: distortions[0],
             after: distortions[1],
             isometry_defect: None,
@@ -236,6 +248,7 @@ impl PairMapping<'_> {
         let from = AlignmentSurface::new(self.domain, "domain")?;
         let to = AlignmentSurface::new(self.target, "target")?;
         let paths = TargetPaths::new(&search.target.embedding);
+        let meridians = Meridians::new(self.domain, &search.target.embedding);
         let mut found: Vec<Candidate> = Vec::new();
         for (done, (similarity, kind)) in alignments.iter().enumerate() {
             self.report(PairPhase::CoarseEmbeddings {
@@ -248,27 +261,47 @@ impl PairMapping<'_> {
             let Some((rings, starts)) = paths.lifted(self.domain, &places) else {
                 continue;
             };
+            if meridians.as_ref().is_some_and(|meridians| !meridians.are_kept(&rings)) {
+                continue;
+            }
             let group = search.target.embedding.group().clone();
             let laid = HyperbolicLayout::collapsed(group, rings, starts, search.domain.hierarchy());
             let Ok(mut layout) = laid else { continue };
+            let first = Effort {
+                cuts: 2,
+                softness: COARSE_SOFTNESS,
+                new_sweeps: 0,
+                sweeps: FIRST_SWEEPS,
+            };
+            search.optimise(&mut layout, &first);
+            let energy = search.energy(&layout);
+            found.push(Candidate {
+                layout,
+                kind: *kind,
+                energy,
+            });
+        }
+        found.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+        let most = found.first().map_or(0.0, |best| AS_GOOD_COARSE * best.energy);
+        let again = found.iter().take(MOST_COMPARED_AGAIN);
+        let again = again.filter(|c| c.energy <= most).count();
+        let refine = |candidate: &mut Candidate| {
+            let layout = &mut candidate.layout;
             let base = Effort {
                 sweeps: BASE_SWEEPS,
                 ..effort(0)
             };
-            search.optimise(&mut layout, &base);
+            search.optimise(layout, &base);
             let refined = layout.refine(search.domain.hierarchy(), COMPARED_VERTICES * genus, |layout| {
                 search.optimise(layout, &effort(layout.inserted.len()));
             });
-            if refined.is_ok() {
-                let energy = search.energy(&layout);
-                found.push(Candidate {
-                    layout,
-                    kind: *kind,
-                    energy,
-                });
-            }
-        }
-        found.sort_by(|a, b| a.energy.total_cmp(&b.energy));
+            candidate.energy = match refined {
+                Ok(()) => search.energy(layout),
+                Err(_) => f64::INFINITY,
+            };
+        };
+        found[..again].par_iter_mut().for_each(refine);
+        found[..again].sort_by(|a, b| a.energy.total_cmp(&b.energy));
         Ok(found)
     }
 

@@ -198,6 +198,7 @@ impl PairMapping<'_> {
                 },
                 runner_up,
             }),
+            hyperbolic: None,
             before: distortions[0],
             isometry_defect: None,
             nearer_isometry: None,

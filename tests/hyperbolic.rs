@@ -1,0 +1,267 @@
+//! Maps between two solids of genus 2 and more: bijective, invertible, and from end to end.
+
+use crate::common::{largest_distance, models};
+use nalgebra::Rotation3;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
+use solidmap::boundary_map::pair::{
+    Landmarks, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair, map_pair_with_alternatives,
+};
+use solidmap::files::{
+    BoundaryFile, BoundaryMetadata, MapFile, MapMetadata, read_boundary, read_map, write_boundary, write_map,
+};
+use solidmap::fit::{FitOptions, fit};
+use solidmap::hyperbolic::{HyperbolicEmbedding, HyperbolicError, Letter};
+use solidmap::io;
+use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
+use solidmap::progress::ProgressControl;
+use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshSource, remesh};
+use solidmap::{Point, Vector};
+
+fn pair(domain: &SurfaceMesh, target: &SurfaceMesh) -> (BoundaryMap, PairReport) {
+    let (map, report) = map_pair(domain, target, &PairOptions::default(), &|_| ()).unwrap();
+    assert_one_to_one(&map);
+    (map, report)
+}
+
+/// Positive triangles on both embeddings, covered once, and there and back within 1e-9 of the diagonals.
+fn assert_one_to_one(map: &BoundaryMap) {
+    for embedding in map.hyperbolic_embeddings().unwrap() {
+        let check = embedding.check();
+        assert!(check.is_bijective() && (check.degree - 1.0).abs() < 1e-9, "{check:?}");
+    }
+    let inverse = map.inverse().unwrap();
+    let target = map.target_surface().unwrap();
+    for (there, back, from) in [(map, &inverse, map.domain()), (&inverse, map, target)] {
+        let points = points_of(from);
+        let returned = back.evaluate(&there.evaluate_on_target(&points).unwrap());
+        let farthest = largest_distance(&there.positions(&points), &returned);
+        assert!(farthest < 1e-9 * from.diagonal(), "{farthest}");
+    }
+}
+
+/// A corner of every triangle, the middle of a side, and a point inside.
+fn points_of(surface: &SurfaceMesh) -> Vec<SurfacePoint> {
+    let of_triangle = |triangle: u32| {
+        [[1.0, 0.0, 0.0], [0.5, 0.0, 0.5], [0.2, 0.7, 0.1]].map(|barycentric| SurfacePoint { triangle, barycentric })
+    };
+    (0..surface.triangles().len() as u32).flat_map(of_triangle).collect()
+}
+
+/// A plate of cubes with holes in a row.
+fn plate(holes: i32, divisions: usize) -> SurfaceMesh {
+    let cells = (0..2 * holes + 1).flat_map(|i| (0..3).map(move |j| [i, j, 0]));
+    let is_filled = |[i, j, _]: &[i32; 3]| !(i % 2 == 1 && *j == 1);
+    shapes::polycube(&cells.filter(is_filled).collect::<Vec<_>>(), divisions)
+}
+
+/// A plate with two holes of which one is larger, so that no turn takes it to itself.
+fn uneven(divisions: usize) -> SurfaceMesh {
+    shapes::deformed(&plate(2, divisions), |p| {
+        let x = p.x + 0.08 * p.x * p.x;
+        Point::new(x, p.y + 0.04 * (x * 1.3).sin(), p.z * (1.0 + 0.1 * x))
+    })
+}
+
+fn mean(report: &PairReport) -> f64 {
+    report.after.mean_symmetric_dirichlet / 4.0
+}
+
+#[test]
+fn a_turned_and_bent_plate_is_mapped_to_where_its_points_are() {
+    let domain = uneven(3);
+    let turn = Rotation3::new(Vector::new(0.4, -1.1, 0.7));
+    let moved = |p: &Point| turn * Point::new(1.1 * p.x, p.y + 0.01 * p.x * p.x, p.z) + Vector::new(3.0, -1.0, 0.2);
+    let target = shapes::deformed(&uneven(4), moved);
+    let (map, report) = pair(&domain, &target);
+    assert!(mean(&report) < 1.1, "{}", mean(&report));
+    let off = map
+        .image()
+        .iter()
+        .zip(domain.vertices())
+        .map(|(q, p)| (q - moved(p)).norm());
+    let off = off.sum::<f64>() / domain.vertices().len() as f64 / target.diagonal();
+    assert!(off < 0.015, "{off}");
+    let found = report.hyperbolic.unwrap();
+    assert_eq!(found.genus, 2);
+    assert!(found.classes >= 1 && found.classes <= found.alignments);
+    let checked = check(&map, Some(&target), &BoundaryCheckOptions::default(), None).unwrap();
+    let composition = checked.composition.unwrap();
+    assert!(composition.through_hyperbolic_surface && !composition.through_torus);
+    assert!(composition.round_trip.max < 1e-9);
+}
+
+#[test]
+fn alternatives_are_bijections_and_options_without_meaning_are_refused() {
+    let domain = plate(2, 2);
+    let options = PairOptions {
+        alternatives: 1,
+        ..PairOptions::default()
+    };
+    // The plate fits itself in several ways.
+    let made = map_pair_with_alternatives(&domain, &plate(2, 3), &options, &|_| ()).unwrap();
+    assert_eq!(made.alternatives.len(), 1);
+    assert_one_to_one(&made.alternatives[0]);
+    assert!(made.alternatives[0] != made.map);
+    assert!(made.report.hyperbolic.unwrap().runner_up.unwrap() >= 1.0);
+    let landmarks = Landmarks::new(vec![[0, 0]], 50, 50).unwrap();
+    let with_landmarks = PairOptions {
+        landmarks,
+        ..PairOptions::default()
+    };
+    let conformal = PairOptions {
+        method: PairMethod::Conformal,
+        ..PairOptions::default()
+    };
+    for options in [&with_landmarks, &conformal] {
+        let error = map_pair(&domain, &domain, options, &|_| ()).map(|_| ());
+        assert!(
+            matches!(error, Err(PairError::NotWithHandles { genus: 2, .. })),
+            "{error:?}"
+        );
+    }
+}
+
+#[test]
+fn solids_whose_handles_do_not_fit_are_refused_by_name() {
+    // Two rings side by side, and two that are linked through each other's plane: no alignment takes one to the other.
+    let beside = plate(2, 2);
+    let error = map_pair(&beside, &plate(3, 2), &PairOptions::default(), &|_| ()).map(|_| ());
+    assert_eq!(error, Err(PairError::UnequalGenus { domain: 2, target: 3 }));
+}
+
+#[test]
+fn a_map_can_be_cancelled_or_concluded_at_any_phase() {
+    let (domain, target) = (uneven(2), uneven(3));
+    for k in 0..5 {
+        let is_at = move |phase: PairPhase| match phase {
+            PairPhase::HyperbolicSurface => k == 0,
+            PairPhase::Aligning { .. } => k == 1,
+            PairPhase::CoarseEmbeddings { .. } => k == 2,
+            PairPhase::Refining { .. } | PairPhase::Improving { .. } => k == 3,
+            PairPhase::Measuring { .. } => k == 4,
+            _ => panic!("a phase of solids with fewer handles"),
+        };
+        let answer = move |with: ProgressControl| {
+            let has_come = std::sync::atomic::AtomicBool::new(false);
+            move |phase| {
+                let order = std::sync::atomic::Ordering::SeqCst;
+                if has_come.fetch_or(is_at(phase), order) || is_at(phase) {
+                    with
+                } else {
+                    ProgressControl::Continue
+                }
+            }
+        };
+        let options = PairOptions::default();
+        let (map, _) = map_pair(&domain, &target, &options, &answer(ProgressControl::Conclude)).unwrap();
+        assert_one_to_one(&map);
+        let cancelled = map_pair(&domain, &target, &options, &answer(ProgressControl::Cancel)).map(|_| ());
+        assert_eq!(cancelled, Err(PairError::Cancelled), "phase {k}");
+    }
+}
+
+#[test]
+fn files_hold_the_same_map_and_damaged_ones_are_refused() {
+    let (map, _) = pair(&uneven(2), &uneven(3));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pair.safetensors");
+    for boundary in [map.clone(), map.subdivided()] {
+        let file = BoundaryFile {
+            boundary: boundary.clone(),
+            metadata: BoundaryMetadata::new(vec![]),
+        };
+        write_boundary(&path, &file).unwrap();
+        let read = read_boundary(&path).unwrap();
+        assert_eq!(read.boundary, boundary);
+        assert_eq!(read.metadata.format_version, "1.2");
+    }
+    // One letter becomes another, and triangles contradict each other.
+    let mut bytes = std::fs::read(&path).unwrap();
+    let header = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    let words: serde_json::Value = serde_json::from_slice(&bytes[8..8 + header]).unwrap();
+    let first = words["domain_letters"]["data_offsets"][0].as_u64().unwrap() as usize;
+    bytes[8 + header + first] ^= 2;
+    std::fs::write(&path, bytes).unwrap();
+    let error = read_boundary(&path).unwrap_err().to_string();
+    assert!(
+        error.contains("domain_letters") || error.contains("domain_places"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_plate_is_mapped_fitted_and_its_cells_are_carried_into_another() {
+    let (domain, target) = (plate(2, 4), uneven(4));
+    let (boundary, _) = pair(&domain, &target);
+    let fitted = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
+    assert!(
+        fitted.report.boundary_error.rms < 5e-3,
+        "{:?}",
+        fitted.report.boundary_error
+    );
+    let source = RemeshSource::Regular {
+        kind: CellKind::Hexes,
+        size: CellSize::Length(0.25),
+        most_cells: 1_000_000,
+    };
+    let carried = remesh(&boundary, &fitted.map, source, &RemeshOptions::default(), &|_| ()).unwrap();
+    assert_eq!(carried.report.after.cells, [] as [u32; 0]);
+    assert!((carried.report.volume / target.volume() - 1.0).abs() < 0.05);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.safetensors");
+    let file = MapFile {
+        map: fitted.map,
+        boundary: Some(boundary.clone()),
+        bijective: None,
+        metadata: MapMetadata::new(fitted.report, vec![]),
+    };
+    write_map(&path, &file).unwrap();
+    let read = read_map(&path).unwrap();
+    assert_eq!(read.boundary, Some(boundary));
+    assert_eq!(read.metadata.format_version, "1.4");
+}
+
+#[test]
+fn embeddings_with_flipped_triangles_or_foreign_letters_are_refused() {
+    let surface = plate(2, 2);
+    let embedding = HyperbolicEmbedding::of_surface(&surface).unwrap();
+    let words: Vec<[Vec<Letter>; 3]> = embedding
+        .corner_letters()
+        .map(|words| words.map(<[Letter]>::to_vec))
+        .collect();
+    let again = |positions: &[[f64; 2]], words: &[[Vec<Letter>; 3]], relator: &[Letter]| {
+        HyperbolicEmbedding::new(surface.clone(), relator, positions, words).map(|_| ())
+    };
+    let (positions, relator) = (embedding.positions(), embedding.relator());
+    assert_eq!(again(&positions, &words, relator), Ok(()));
+    let mut flipped = positions.clone();
+    flipped[0] = [-flipped[0][0] + 0.3, flipped[0][1] - 1.0];
+    let error = again(&flipped, &words, relator);
+    assert!(matches!(error, Err(HyperbolicError::NotBijective(_))), "{error:?}");
+    let mut foreign = words.clone();
+    foreign[0][1] = vec![9];
+    assert_eq!(again(&positions, &foreign, relator), Err(HyperbolicError::Letters));
+    let mut other = words.clone();
+    other[0][1].push(1);
+    assert!(matches!(
+        again(&positions, &other, relator),
+        Err(HyperbolicError::Words { .. })
+    ));
+    assert_eq!(again(&positions, &words, &relator[1..]), Err(HyperbolicError::Letters));
+    let ring = shapes::torus(1.0, 0.4, 20, 10);
+    let error = HyperbolicEmbedding::of_surface(&ring).map(|_| ());
+    assert!(matches!(error, Err(HyperbolicError::Genus { genus: 1, .. })));
+}
+
+#[test]
+fn models_of_genus_2_and_3_go_to_turned_copies_of_themselves() {
+    let Some(folder) = models() else { return };
+    for name in ["double_torus_g2_3k.obj", "three_holes_g3_uv_2k.obj"] {
+        let domain = io::read_surface(folder.join("surfaces").join(name)).unwrap();
+        let turn = Rotation3::new(Vector::new(0.9, 0.2, -0.5));
+        let target = shapes::deformed(&domain, |p| turn * p);
+        let (_, report) = pair(&domain, &target);
+        assert!(mean(&report) < 1.1, "{name}: {}", mean(&report));
+    }
+}
