@@ -338,7 +338,7 @@ def pair(
     Parameters
     ----------
     domain, target : surface
-        Closed, both of genus 0 or both of genus 1. For genus 1 there are no landmarks, curves, axes or starts.
+        Closed, with as many handles. With handles there are no landmarks, curves or starts, and with one no axes.
     landmarks : array_like of integers, shape (k, 2), or the name of a file, optional
         Vertices of the domain that go to vertices of the target.
     landmarks_weight : float, optional

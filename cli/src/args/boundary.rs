@@ -67,7 +67,7 @@ pub enum SphereStartKind {
 
 #[derive(Debug, Args)]
 pub struct BoundaryPairArgs {
-    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra; of genus 0 or 1
+    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra; of any genus
     pub domain: PathBuf,
     /// Boundary of the solid to map to, or a mesh of it by tetrahedra or hexahedra; of the same genus
     pub target: PathBuf,

@@ -66,7 +66,7 @@ struct PairReport {
   /// clearly nearer to an isometry and lies elsewhere.
   bool looks_wrong = false;
   /// How far the map is from an isometry: ‖CᵀC − I‖² / 20 of the functional map C of 20 eigenfunctions, 0 for an isometry. NaN
-  /// where it is not known: for solids of genus 1, with conformal maps, and where solids lie in the same place.
+  /// where it is not known: for solids with handles, with conformal maps, and where solids lie in the same place.
   double isometry_defect = std::numeric_limits<double>::quiet_NaN();
   /// The largest distance of the image of a landmark from where it is to be, as a fraction of the target's diagonal.
   double landmark_error = 0;
@@ -92,7 +92,7 @@ class BoundaryMap {
   /// cores. Throws Error (invalid_input, numerical, cancelled).
   static BoundaryMap to_sphere(const Surface& domain, SphereEnergy energy = SphereEnergy::balanced,
                                const ProgressCallback& progress = {});
-  /// A bijection between two surfaces of genus 0, or two of genus 1 (without landmarks), and no known correspondence. About
+  /// A bijection between two surfaces of the same genus (with handles: without landmarks), and no known correspondence. About
   /// 20 s for 15 000 vertices on two cores. The callback is called about ten times per second.
   /// Throws Error (invalid_input: other genus, landmarks that cannot be met; cancelled).
   static BoundaryMap pair(const Surface& domain, const Surface& target, const PairOptions& options = {},

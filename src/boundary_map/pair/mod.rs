@@ -10,7 +10,7 @@
 //!
 //! No step inverts a triangle on the sphere, so the result is a bijection at every point of the surface.
 //!
-//! Two solids of genus 1 are mapped through a flat torus instead.
+//! Two solids of genus 1 are mapped through a flat torus instead, and two of more handles through a hyperbolic surface.
 
 mod alignment;
 mod bent;
