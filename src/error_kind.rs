@@ -344,7 +344,7 @@ classified! {
         Self::Remesh(error) => error.error_kind(),
         // The deformed polycube is what is tried first.
         Self::Neither { deformed, .. } => deformed.error_kind(),
-        Self::MaxDistance(_) | Self::NoVolume => ErrorKind::InvalidInput,
+        Self::MaxDistance(_) | Self::NoVolume | Self::ManyHandles { .. } => ErrorKind::InvalidInput,
     }
     SequenceError {
         Self::Quadrature(error) => error.error_kind(),

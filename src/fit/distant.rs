@@ -23,6 +23,11 @@ const RADIUS: f64 = 1.0;
 /// Rows that they are fitted to for each of them, and rows that show how well.
 const FITTED_PER_SOURCE: usize = 4;
 const TESTED_PER_SOURCE: usize = 2;
+/// Root mean square of what they leave, over the diagonal of the target, up to which they are used though the tolerance is less: sources
+/// near the solid have but the rest to resolve.
+const SMALL: f64 = 1e-3;
+/// Bytes of their factored system.
+pub(super) const BYTES: f64 = 8.0 * (FITTED_PER_SOURCE * SOURCES * (SOURCES + 4)) as f64;
 
 /// Distant sources of a domain, and the factored system of some of its collocation points, in the unit frame.
 pub(super) struct DistantSources {
@@ -72,7 +77,7 @@ impl DistantSources {
     }
 
     /// Coefficients of these sources, and of the affine functions; `None` unless the root mean square of what they leave at the tested rows
-    /// is within the tolerance in every column. Rows of `right_hand_sides` beyond those that were known at first are not looked at.
+    /// is within the tolerance, or small, in every column. Rows of `right_hand_sides` beyond those that were known at first are not looked at.
     pub fn fitted(
         &self,
         right_hand_sides: &Values,
@@ -85,7 +90,7 @@ impl DistantSources {
         let left = right_hand_sides.gather(&self.tested).minus(&found);
         let is_small = |column: usize| {
             let squares = (0..left.rows()).map(|r| left.row(r)[column].powi(2));
-            (squares.sum::<f64>() / left.rows() as f64).sqrt() <= tolerance
+            (squares.sum::<f64>() / left.rows() as f64).sqrt() <= tolerance.max(SMALL)
         };
         Ok((0..left.columns()).all(is_small).then_some(coefficients))
     }

@@ -14,6 +14,7 @@ use super::refinement::FinerLevel;
 use super::unit_frame::UnitFrame;
 use super::{FitError, FitOptions, FitSize};
 use crate::Point;
+use crate::error_kind::{Classified, ErrorKind};
 use crate::kernel::Sums;
 use crate::map::HarmonicMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
@@ -168,7 +169,9 @@ impl System {
                 let report = |iteration, residual| progress.report(Phase::Iterating { iteration, residual });
                 let (distant, remaining) = self.without_smooth_part(factor, right_hand_sides, tolerance)?;
                 let compressed = match start {
-                    None if remaining.columns() > 3 => factor.modes_of(&remaining, TRUNCATION * tolerance),
+                    None if remaining.columns() > 3 && !factor.is_met_by_zero(&remaining, tolerance) => {
+                        factor.modes_of(&remaining, TRUNCATION * tolerance)
+                    }
                     _ => None,
                 };
                 let (solution, residuals, modes) = match compressed {
@@ -200,7 +203,7 @@ impl System {
     }
 
     /// The coefficients of distant sources where the right-hand sides are so smooth that these serve, and what is left of the
-    /// right-hand sides.
+    /// right-hand sides. Distant sources that fail are left out.
     fn without_smooth_part<'a>(
         &self,
         factor: &SchwarzFactor,
@@ -211,7 +214,7 @@ impl System {
         let points = factor.collocation();
         if self.distant.get().is_none() {
             let made = match self.affine {
-                true => DistantSources::new(points, factor.weights())?,
+                true => unless_failed(DistantSources::new(points, factor.weights()))?.flatten(),
                 false => None,
             };
             // Another thread may have made the same.
@@ -220,11 +223,17 @@ impl System {
         let Some(distant) = self.distant_sources() else {
             return Ok(unchanged);
         };
-        let Some(coefficients) = distant.fitted(right_hand_sides, points, tolerance)? else {
-            return Ok(unchanged);
+        let fitted = || -> Result<Option<(Values, Values)>, FitError> {
+            let Some(coefficients) = distant.fitted(right_hand_sides, points, tolerance)? else {
+                return Ok(None);
+            };
+            let values = distant.values(&coefficients, points)?;
+            Ok(Some((coefficients, values)))
         };
-        let left = right_hand_sides.minus(&distant.values(&coefficients, points)?);
-        Ok((Some(coefficients), Cow::Owned(left)))
+        Ok(match unless_failed(fitted())?.flatten() {
+            Some((coefficients, values)) => (Some(coefficients), Cow::Owned(right_hand_sides.minus(&values))),
+            None => unchanged,
+        })
     }
 
     fn distant_sources(&self) -> Option<&DistantSources> {
@@ -424,6 +433,14 @@ impl Evaluator {
     }
 }
 
+/// What could be made; `None` where it failed, but not where the work was cancelled or needs too much memory.
+fn unless_failed<T>(made: Result<T, FitError>) -> Result<Option<T>, FitError> {
+    match made {
+        Err(error) if !matches!(error.error_kind(), ErrorKind::Cancelled | ErrorKind::Memory) => Ok(None),
+        made => made.map(Some),
+    }
+}
+
 /// Values of all columns of a solution at the points of `sums`.
 pub(super) fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
     let columns = coefficients.columns();
@@ -619,6 +636,27 @@ mod tests {
             let excess = excess(name, &Case::new(domain, 4000));
             assert!(excess < 1.1, "{name}: {excess}");
         }
+    }
+
+    #[test]
+    fn what_fails_is_left_out_but_not_what_is_cancelled_or_too_large() {
+        assert_eq!(unless_failed(Ok(1)).unwrap(), Some(1));
+        let numerical = FitError::Solve(SolveError::RankZero { truncation: 0.0 });
+        assert_eq!(unless_failed::<u32>(Err(numerical)).unwrap(), None);
+        let cancelled = unless_failed::<u32>(Err(SolveError::Cancelled.into()));
+        assert!(matches!(cancelled, Err(FitError::Cancelled)));
+        let too_large = FitError::TooLarge {
+            sources: 1,
+            collocation: 1,
+            need: 1,
+            allowed: 0,
+            fitting: 0,
+            addresses_are_short: false,
+        };
+        assert!(matches!(
+            unless_failed::<u32>(Err(too_large)),
+            Err(FitError::TooLarge { .. })
+        ));
     }
 
     #[test]
