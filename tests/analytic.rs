@@ -288,6 +288,33 @@ fn smooth_data_need_few_sources_whatever_the_tolerance() {
     }
 }
 
+/// A small dent is in few of the points that distant sources are tried at, or none: sources near the solid then serve for all.
+#[test]
+fn smooth_data_with_a_dent_are_as_accurate_inside_as_their_report_says() {
+    fn dented(p: &Point) -> Point {
+        let dent = 0.05 * (-((p - Point::new(0.0, 0.0, p.z.max(0.0))).norm() / 0.02).powi(2)).exp();
+        polynomials(p)
+            + if p.z > 0.0 {
+                solidmap::Vector::x() * dent
+            } else {
+                solidmap::Vector::zeros()
+            }
+    }
+    let domain = shapes::bumpy_sphere(40);
+    let boundary = by_function(&domain, dented);
+    let points = interior_points(&domain, 500, 7);
+    let exact: Vec<Point> = points.iter().map(polynomials).collect();
+    for refine in [false, true] {
+        let options = FitOptions {
+            refine,
+            ..FitOptions::default()
+        };
+        let fit = fitted(&boundary, &options);
+        let error = largest_distance(&fit.map.evaluate(&points), &exact) / boundary.target_diagonal();
+        assert!(error < options.tolerance, "{error:e} {}", fit.report.sources);
+    }
+}
+
 /// Several boundary maps at once: smooth ones share the distant sources, and one that is not leaves none of them wrong.
 #[test]
 fn blocks_of_smooth_data_are_as_accurate_inside_as_one_by_one() {

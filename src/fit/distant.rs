@@ -5,7 +5,7 @@
 //! solutions for Helmholtz problems on analytic domains*, J. Comput. Phys. 227, 2008): for polynomials and the like by a digit with some
 //! twenty sources more. Where they are not, distant sources are of no use, and near ones resolve what their spacing can.
 //! Which of the two it is, a dense least-squares system of a few hundred rows tells, at rows that it was not fitted to. Where distant
-//! sources serve, they take their part off the boundary values before the large system is solved.
+//! sources serve, the large system is not solved at all.
 
 use super::FitError;
 use super::system::values;
@@ -23,9 +23,6 @@ const RADIUS: f64 = 1.0;
 /// Rows that they are fitted to for each of them, and rows that show how well.
 const FITTED_PER_SOURCE: usize = 4;
 const TESTED_PER_SOURCE: usize = 2;
-/// Root mean square of what they leave, over the diagonal of the target, up to which they are used though the tolerance is less: sources
-/// near the solid have but the rest to resolve.
-const SMALL: f64 = 1e-3;
 /// Bytes of their factored system.
 pub(super) const BYTES: f64 = 8.0 * (FITTED_PER_SOURCE * SOURCES * (SOURCES + 4)) as f64;
 
@@ -77,7 +74,7 @@ impl DistantSources {
     }
 
     /// Coefficients of these sources, and of the affine functions; `None` unless the root mean square of what they leave at the tested rows
-    /// is within the tolerance, or small, in every column. Rows of `right_hand_sides` beyond those that were known at first are not looked at.
+    /// is within the tolerance in every column. Rows of `right_hand_sides` beyond those that were known at first are not looked at.
     pub fn fitted(
         &self,
         right_hand_sides: &Values,
@@ -90,7 +87,7 @@ impl DistantSources {
         let left = right_hand_sides.gather(&self.tested).minus(&found);
         let is_small = |column: usize| {
             let squares = (0..left.rows()).map(|r| left.row(r)[column].powi(2));
-            (squares.sum::<f64>() / left.rows() as f64).sqrt() <= tolerance.max(SMALL)
+            (squares.sum::<f64>() / left.rows() as f64).sqrt() <= tolerance
         };
         Ok((0..left.columns()).all(is_small).then_some(coefficients))
     }

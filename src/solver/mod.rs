@@ -21,7 +21,7 @@ pub use values::Values;
 use crate::Point;
 
 /// The unknowns of the fit.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Coefficients {
     /// One row per source: the coefficients `w` of equation (1) for the three coordinates.
     pub sources: Vec<[f64; 3]>,
@@ -42,13 +42,6 @@ impl Coefficients {
             sources: (0..sources).map(row).collect(),
             affine,
         }
-    }
-
-    /// Adds further sources after these, and another affine part to this one.
-    pub(crate) fn add(&mut self, other: Self) {
-        self.sources.extend(other.sources);
-        let entries = self.affine.as_flattened_mut().iter_mut();
-        entries.zip(other.affine.as_flattened()).for_each(|(a, b)| *a += b);
     }
 }
 

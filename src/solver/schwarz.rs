@@ -256,13 +256,6 @@ impl SchwarzFactor {
         BasisModes::of(data, &self.collocation, &self.weights, self.affine, truncation)
     }
 
-    /// Whether data are so small that coefficients of 0 meet the goal of [`Self::solve`].
-    pub(crate) fn is_met_by_zero(&self, data: &Values, goal: f64) -> bool {
-        let area: f64 = self.weights.iter().sum();
-        let squares = data.dot(data, &self.weights);
-        squares.iter().all(|square| (square / area).sqrt() <= goal)
-    }
-
     /// Positions of the collocation points.
     pub fn collocation(&self) -> &[Point] {
         &self.collocation
