@@ -21,7 +21,7 @@ pub use values::Values;
 use crate::Point;
 
 /// The unknowns of the fit.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Coefficients {
     /// One row per source: the coefficients `w` of equation (1) for the three coordinates.
     pub sources: Vec<[f64; 3]>,
