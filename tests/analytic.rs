@@ -288,6 +288,67 @@ fn smooth_data_need_few_sources_whatever_the_tolerance() {
     }
 }
 
+/// A small dent is in few of the points that distant sources are tried at, or none: sources near the solid then serve for all.
+#[test]
+fn smooth_data_with_a_dent_are_as_accurate_inside_as_their_report_says() {
+    fn dented(p: &Point) -> Point {
+        let dent = 0.05 * (-((p - Point::new(0.0, 0.0, p.z.max(0.0))).norm() / 0.02).powi(2)).exp();
+        polynomials(p)
+            + if p.z > 0.0 {
+                solidmap::Vector::x() * dent
+            } else {
+                solidmap::Vector::zeros()
+            }
+    }
+    let domain = shapes::bumpy_sphere(40);
+    let boundary = by_function(&domain, dented);
+    let points = interior_points(&domain, 500, 7);
+    let exact: Vec<Point> = points.iter().map(polynomials).collect();
+    for refine in [false, true] {
+        let options = FitOptions {
+            refine,
+            ..FitOptions::default()
+        };
+        let fit = fitted(&boundary, &options);
+        let error = largest_distance(&fit.map.evaluate(&points), &exact) / boundary.target_diagonal();
+        assert!(error < options.tolerance, "{error:e} {}", fit.report.sources);
+    }
+}
+
+/// Several boundary maps at once: smooth ones share the distant sources, and one that is not leaves none of them wrong.
+#[test]
+fn blocks_of_smooth_data_are_as_accurate_inside_as_one_by_one() {
+    let domain = shapes::bumpy_sphere(25);
+    let turned = |p: &Point| polynomials(&Point::new(p.y, p.z, p.x));
+    let mixed = |p: &Point| Point::from(2.0 * polynomials(p).coords + charges(p).coords);
+    let smooth: [fn(&Point) -> Point; 4] = [polynomials, charges, turned, mixed];
+    let points = interior_points(&domain, 500, 7);
+    let require_accurate = |f: fn(&Point) -> Point, map: &dyn VolumeMap, most: f64| {
+        let exact: Vec<Point> = points.iter().map(f).collect();
+        let error = largest_distance(&map.evaluate(&points), &exact);
+        assert!(error < most, "{error:e}");
+    };
+    for tolerance in [1e-3, 1e-6] {
+        let options = FitOptions {
+            tolerance,
+            refine: false,
+            ..FitOptions::default()
+        };
+        let factor = DomainFactor::new(&domain, &options, &|_| {}).unwrap();
+        let mut boundaries: Vec<BoundaryMap> = smooth.iter().map(|f| by_function(&domain, *f)).collect();
+        let fits = factor.solve_block(&boundaries, &|_| {}).unwrap();
+        for ((f, fit), boundary) in smooth.iter().zip(&fits).zip(&boundaries) {
+            assert!(fit.map.sources().len() < 300 && options.is_met_by(&fit.report));
+            require_accurate(*f, &fit.map, tolerance * boundary.target_diagonal());
+        }
+        boundaries.push(by_function(&domain, |p| Point::new(p.x.abs(), p.y, p.z)));
+        let fits = factor.solve_block(&boundaries, &|_| {}).unwrap();
+        for ((f, fit), boundary) in smooth.iter().zip(&fits).zip(&boundaries) {
+            require_accurate(*f, &fit.map, 2e-3 * boundary.target_diagonal());
+        }
+    }
+}
+
 /// A repeated solve on a kept factorisation is the fit itself, where neither refines.
 #[test]
 fn one_factorisation_serves_many_boundary_maps() {

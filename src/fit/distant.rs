@@ -5,7 +5,7 @@
 //! solutions for Helmholtz problems on analytic domains*, J. Comput. Phys. 227, 2008): for polynomials and the like by a digit with some
 //! twenty sources more. Where they are not, distant sources are of no use, and near ones resolve what their spacing can.
 //! Which of the two it is, a dense least-squares system of a few hundred rows tells, at rows that it was not fitted to. Where distant
-//! sources serve, they take their part off the boundary values before the large system is solved.
+//! sources serve, the large system is not solved at all.
 
 use super::FitError;
 use super::system::values;
@@ -23,6 +23,8 @@ const RADIUS: f64 = 1.0;
 /// Rows that they are fitted to for each of them, and rows that show how well.
 const FITTED_PER_SOURCE: usize = 4;
 const TESTED_PER_SOURCE: usize = 2;
+/// Bytes of their factored system.
+pub(super) const BYTES: f64 = 8.0 * (FITTED_PER_SOURCE * SOURCES * (SOURCES + 4)) as f64;
 
 /// Distant sources of a domain, and the factored system of some of its collocation points, in the unit frame.
 pub(super) struct DistantSources {

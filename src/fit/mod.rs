@@ -41,7 +41,6 @@ pub use worst_places::worst_places;
 use crate::boundary_map::BoundaryMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::progress::{ProgressControl, ProgressResponse};
-use crate::solver::Values;
 use boundary_data::{BoundaryData, right_hand_sides};
 use domain::checked;
 use held_out::HeldOut;
@@ -264,7 +263,7 @@ impl DomainFactor {
                     }
                 }
             }
-            let solved = self.solve_one(data, Some(&solution.coefficients), progress);
+            let solved = self.solve_one(data, Some(&solution), progress);
             if matches!(solved, Err(FitError::Cancelled)) && is_concluded() {
                 break RefinementEnd::Concluded;
             }
@@ -323,7 +322,7 @@ impl DomainFactor {
     fn solve_and_measure(
         &self,
         data: &[BoundaryData],
-        start: Option<&Values>,
+        start: Option<&SystemSolution>,
         progress: &Progress,
     ) -> Result<(Vec<MeasuredMap>, SystemSolution), FitError> {
         let mut clock = Stopwatch::start();
@@ -349,7 +348,7 @@ impl DomainFactor {
     fn solve_one(
         &self,
         data: &BoundaryData,
-        start: Option<&Values>,
+        start: Option<&SystemSolution>,
         progress: &Progress,
     ) -> Result<(MeasuredMap, SystemSolution), FitError> {
         let (mut maps, solution) = self.solve_and_measure(std::slice::from_ref(data), start, progress)?;

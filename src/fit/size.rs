@@ -5,7 +5,7 @@
 //! of up to ten rounds, and dense ones of 100 to 4000 sources.
 
 use super::options::PointCounts;
-use super::{FitError, FitMethod, FitOptions, RefinementEnd};
+use super::{FitError, FitMethod, FitOptions, RefinementEnd, distant};
 use crate::memory::{readable, solver_addresses};
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, SchwarzOptions};
@@ -69,7 +69,7 @@ impl FitSize {
                         Some(entries) => 8.0 * entries as f64,
                         None => 8.0 * uniform_patch_sources(&options) * sources,
                     };
-                    per_row * rows + PER_SOURCE * sources + local + coarsest(sources)
+                    per_row * rows + PER_SOURCE * sources + local + coarsest(sources) + distant::BYTES
                 }
                 FitMethod::Dense { options, .. } => {
                     let (tall, square) = (8.0 * rows * sources, 8.0 * sources * sources);

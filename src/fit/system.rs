@@ -14,6 +14,7 @@ use super::refinement::FinerLevel;
 use super::unit_frame::UnitFrame;
 use super::{FitError, FitOptions, FitSize};
 use crate::Point;
+use crate::error_kind::{Classified, ErrorKind};
 use crate::kernel::Sums;
 use crate::map::HarmonicMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
@@ -141,11 +142,11 @@ impl UnfactoredSystem {
 
 impl System {
     /// Coefficients for right-hand sides at the collocation points, to a root mean square residual of `tolerance` in every
-    /// column or the least there is. Iterations start at the coefficients `start`, if given.
+    /// column or the least there is. Iterations start at the solution `start`, if given.
     pub fn solve(
         &self,
         right_hand_sides: &Values,
-        start: Option<&Values>,
+        start: Option<&SystemSolution>,
         tolerance: f64,
         progress: &Progress,
     ) -> Result<SystemSolution, FitError> {
@@ -157,7 +158,7 @@ impl System {
                 Ok(SystemSolution {
                     coefficients,
                     modes: None,
-                    distant: None,
+                    is_distant: false,
                     residuals: residual_norms(&right_hand_sides.minus(&values)),
                     tolerance,
                     iterations: 1,
@@ -166,14 +167,20 @@ impl System {
             }
             Factor::Schwarz(factor, _) => {
                 let report = |iteration, residual| progress.report(Phase::Iterating { iteration, residual });
-                let (distant, remaining) = self.without_smooth_part(factor, right_hand_sides, tolerance)?;
+                // Refinement follows where they did not suffice.
+                if start.is_none()
+                    && let Some(solution) = self.by_distant_sources(factor, right_hand_sides, tolerance)?
+                {
+                    return Ok(solution);
+                }
+                let start = start.filter(|start| !start.is_distant).map(|start| &start.coefficients);
                 let compressed = match start {
-                    None if remaining.columns() > 3 => factor.modes_of(&remaining, TRUNCATION * tolerance),
+                    None if right_hand_sides.columns() > 3 => factor.modes_of(right_hand_sides, TRUNCATION * tolerance),
                     _ => None,
                 };
                 let (solution, residuals, modes) = match compressed {
                     None => {
-                        let solution = factor.solve(&remaining, start, tolerance, &report)?;
+                        let solution = factor.solve(right_hand_sides, start, tolerance, &report)?;
                         let residuals = residual_norms(&solution.residual);
                         (solution, residuals, None)
                     }
@@ -183,13 +190,13 @@ impl System {
                         let per_mode = tolerance / (data.columns() as f64).sqrt();
                         let solution = factor.solve(&data, None, per_mode, &report)?;
                         let values = modes.values(&data.minus(&solution.residual), factor.collocation());
-                        (solution, residual_norms(&remaining.minus(&values)), Some(modes))
+                        (solution, residual_norms(&right_hand_sides.minus(&values)), Some(modes))
                     }
                 };
                 Ok(SystemSolution {
                     coefficients: solution.coefficients,
                     modes,
-                    distant,
+                    is_distant: false,
                     residuals,
                     tolerance,
                     iterations: solution.iterations,
@@ -199,32 +206,42 @@ impl System {
         }
     }
 
-    /// The coefficients of distant sources where the right-hand sides are so smooth that these serve, and what is left of the
-    /// right-hand sides.
-    fn without_smooth_part<'a>(
+    /// The solution by distant sources alone; `None` unless they meet the tolerance. Those that fail are left out.
+    fn by_distant_sources(
         &self,
         factor: &SchwarzFactor,
-        right_hand_sides: &'a Values,
+        right_hand_sides: &Values,
         tolerance: f64,
-    ) -> Result<(Option<Values>, Cow<'a, Values>), FitError> {
-        let unchanged = (None, Cow::Borrowed(right_hand_sides));
+    ) -> Result<Option<SystemSolution>, FitError> {
         let points = factor.collocation();
         if self.distant.get().is_none() {
             let made = match self.affine {
-                true => DistantSources::new(points, factor.weights())?,
+                true => unless_failed(DistantSources::new(points, factor.weights()))?.flatten(),
                 false => None,
             };
             // Another thread may have made the same.
             let _ = self.distant.set(made);
         }
         let Some(distant) = self.distant_sources() else {
-            return Ok(unchanged);
+            return Ok(None);
         };
-        let Some(coefficients) = distant.fitted(right_hand_sides, points, tolerance)? else {
-            return Ok(unchanged);
+        let Some(coefficients) = unless_failed(distant.fitted(right_hand_sides, points, tolerance))?.flatten() else {
+            return Ok(None);
         };
-        let left = right_hand_sides.minus(&distant.values(&coefficients, points)?);
-        Ok((Some(coefficients), Cow::Owned(left)))
+        let Some(values) = unless_failed(distant.values(&coefficients, points))? else {
+            return Ok(None);
+        };
+        let residuals = residual_norms(&right_hand_sides.minus(&values));
+        let is_met = residuals.iter().all(|residual| residual.rms <= tolerance);
+        Ok(is_met.then(|| SystemSolution {
+            coefficients,
+            modes: None,
+            is_distant: true,
+            residuals,
+            tolerance,
+            iterations: 0,
+            stop: Some(SchwarzStop::Goal),
+        }))
     }
 
     fn distant_sources(&self) -> Option<&DistantSources> {
@@ -239,13 +256,7 @@ impl System {
         };
         let sources = self.sources_of(solution);
         let map = |(k, data): (usize, &BoundaryData)| {
-            let mut unit = match solution.is_distant_alone() {
-                true => Coefficients::default(),
-                false => Coefficients::of_columns(&coefficients, 3 * k, self.sources.len()),
-            };
-            if let (Some(distant), Some(smooth)) = (self.distant_sources(), &solution.distant) {
-                unit.add(Coefficients::of_columns(smooth, 3 * k, distant.positions.len()));
-            }
+            let unit = Coefficients::of_columns(&coefficients, 3 * k, sources.len());
             let coefficients = self.frame.coefficients_to_model(unit, data.diagonal, data.origin);
             let map = HarmonicMap::new(sources.to_vec(), coefficients).expect("one coefficient row per source");
             match solution.stop {
@@ -258,14 +269,8 @@ impl System {
 
     /// The sources of the maps of a solution, in model units.
     pub fn sources_of(&self, solution: &SystemSolution) -> Cow<'_, [Point]> {
-        match (self.distant_sources(), &solution.distant) {
-            (Some(distant), Some(_)) => {
-                let distant = self.frame.all_to_model(&distant.positions);
-                Cow::Owned(match solution.is_distant_alone() {
-                    true => distant,
-                    false => [self.sources.as_slice(), &distant].concat(),
-                })
-            }
+        match self.distant_sources() {
+            Some(distant) if solution.is_distant => Cow::Owned(self.frame.all_to_model(&distant.positions)),
             _ => Cow::Borrowed(&self.sources),
         }
     }
@@ -344,8 +349,9 @@ pub(super) struct SystemSolution {
     /// In the unit frame: those of the right-hand sides, or of their modes.
     pub coefficients: Values,
     modes: Option<BasisModes>,
-    /// Those of the distant sources and another affine part, of the right-hand sides, in the unit frame. What they give is added.
-    distant: Option<Values>,
+    /// Whether they are those of the distant sources. A map has either kind of sources, never both: coefficients of distant ones are
+    /// so large, and cancel so much, that fast sums over all would be rough.
+    is_distant: bool,
     /// For each boundary map.
     pub residuals: Vec<ResidualNorm>,
     tolerance: f64,
@@ -360,11 +366,6 @@ pub(super) struct ResidualNorm {
 }
 
 impl SystemSolution {
-    /// Whether the distant sources left nothing to solve for: the coefficients of all others are 0.
-    fn is_distant_alone(&self) -> bool {
-        self.distant.is_some() && self.modes.is_none() && self.coefficients.as_slice().iter().all(|&w| w == 0.0)
-    }
-
     /// Estimate of the smallest error of the maps, which decides how accurately they are measured.
     pub fn expected_error(&self) -> f64 {
         match self.stop {
@@ -403,24 +404,22 @@ pub(super) struct Evaluator {
 impl Evaluator {
     /// Values of the right-hand sides' functions at the points.
     pub fn values(&self, system: &System, solution: &SystemSolution, accuracy: f64) -> Result<Values, FitError> {
-        let smooth = match (system.distant_sources(), &solution.distant) {
-            (Some(distant), Some(coefficients)) => Some(distant.values(coefficients, &self.points)?),
-            _ => None,
-        };
-        if let Some(smooth) = &smooth
-            && solution.is_distant_alone()
-        {
-            return Ok(smooth.clone());
+        if let Some(distant) = system.distant_sources().filter(|_| solution.is_distant) {
+            return distant.values(&solution.coefficients, &self.points);
         }
         let values = values(&self.sums.with_accuracy(accuracy), &solution.coefficients, &self.points)?;
-        let values = match &solution.modes {
+        Ok(match &solution.modes {
             Some(modes) => modes.values(&values, &self.points),
             None => values,
-        };
-        Ok(match smooth {
-            Some(smooth) => values.plus(&smooth),
-            None => values,
         })
+    }
+}
+
+/// What could be made; `None` where it failed, but not where the work was cancelled or needs too much memory.
+fn unless_failed<T>(made: Result<T, FitError>) -> Result<Option<T>, FitError> {
+    match made {
+        Err(error) if !matches!(error.error_kind(), ErrorKind::Cancelled | ErrorKind::Memory) => Ok(None),
+        made => made.map(Some),
     }
 }
 
@@ -619,6 +618,27 @@ mod tests {
             let excess = excess(name, &Case::new(domain, 4000));
             assert!(excess < 1.1, "{name}: {excess}");
         }
+    }
+
+    #[test]
+    fn what_fails_is_left_out_but_not_what_is_cancelled_or_too_large() {
+        assert_eq!(unless_failed(Ok(1)).unwrap(), Some(1));
+        let numerical = FitError::Solve(SolveError::RankZero { truncation: 0.0 });
+        assert_eq!(unless_failed::<u32>(Err(numerical)).unwrap(), None);
+        let cancelled = unless_failed::<u32>(Err(SolveError::Cancelled.into()));
+        assert!(matches!(cancelled, Err(FitError::Cancelled)));
+        let too_large = FitError::TooLarge {
+            sources: 1,
+            collocation: 1,
+            need: 1,
+            allowed: 0,
+            fitting: 0,
+            addresses_are_short: false,
+        };
+        assert!(matches!(
+            unless_failed::<u32>(Err(too_large)),
+            Err(FitError::TooLarge { .. })
+        ));
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! more of them. The simplified boundary is mapped to the model's through embeddings in the sphere, a flat torus or a hyperbolic surface, so that every point of
 //! the polycube's boundary has its point of the model's own, one to one.
 
-use super::{HexmeshError, HexmeshOptions, HexmeshPhase};
+use super::{HexmeshError, HexmeshOptions, HexmeshPhase, Model};
 use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::mesh::{SurfaceMesh, TetMesh};
@@ -24,21 +24,17 @@ pub struct SimplifiedReport {
     pub distortion: SurfaceDistortion,
 }
 
-/// The simplified model, filled with tetrahedra; `None` for a model that is not large, and where it cannot be simplified without
-/// passing through itself, or this build cannot.
+/// The simplified model, filled with tetrahedra; `None` where it cannot be simplified without passing through itself, or this build
+/// cannot.
 pub(super) fn simplified(
-    model: &TetMesh,
+    model: &Model,
     options: &HexmeshOptions,
     progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
 ) -> Result<Option<TetMesh>, HexmeshError> {
-    let surface = model.boundary().surface;
-    if surface.vertices().len() <= options.most_vertices {
-        return Ok(None);
-    }
     if progress(HexmeshPhase::Simplifying) == ProgressControl::Cancel {
         return Err(crate::polycube::MakePolycubeError::Cancelled.into());
     }
-    Ok(filled(&surface, options))
+    Ok(filled(model, options))
 }
 
 /// Vertices of a simplified model, about: edges end somewhat shorter. For scale: with 6000 heads and a bunny take twice as long, and their
@@ -47,20 +43,20 @@ pub(super) fn simplified(
 const VERTICES: usize = 4000;
 
 #[cfg(feature = "native")]
-fn filled(surface: &SurfaceMesh, options: &HexmeshOptions) -> Option<TetMesh> {
+fn filled(model: &Model, options: &HexmeshOptions) -> Option<TetMesh> {
     use crate::cgal_tetgen::{TetOptions, remesh_isotropically, tetrahedralize};
     let vertices = VERTICES.min(options.most_vertices);
     // Two triangles of side l, √3/4 l² each, for every vertex.
-    let edge_length = (2.0 * surface.area() / (3f64.sqrt() * vertices as f64)).sqrt();
-    let remeshed = remesh_isotropically(surface, edge_length).ok()?;
+    let edge_length = (2.0 * model.surface.area() / (3f64.sqrt() * vertices as f64)).sqrt();
+    let remeshed = remesh_isotropically(&model.surface, edge_length).ok()?;
     // Short edges are collapsed: a thin handle may be gone.
-    let is_alike = crate::spherical::genus(&remeshed) == crate::spherical::genus(surface);
+    let is_alike = crate::spherical::genus(&remeshed) == model.genus;
     // Refuses surfaces that pass through themselves.
     is_alike.then(|| tetrahedralize(&remeshed, &TetOptions::default()).ok())?
 }
 
 #[cfg(not(feature = "native"))]
-fn filled(_: &SurfaceMesh, _: &HexmeshOptions) -> Option<TetMesh> {
+fn filled(_: &Model, _: &HexmeshOptions) -> Option<TetMesh> {
     None
 }
 

@@ -61,13 +61,19 @@ fn a_ring_gets_voxels_with_a_handle() {
 
 #[cfg(feature = "native")]
 #[test]
-fn a_large_ring_is_simplified_too() {
+fn a_large_ring_is_simplified_too_and_one_of_twice_the_vertices_is_not() {
     let torus = test_meshes::torus(8);
     let vertices = torus.boundary().surface.vertices().len();
     let simplified = HexmeshOptions {
         most_vertices: vertices / 3,
         ..options(CellKind::Hexes, 12)
     };
+    let kept = HexmeshOptions {
+        most_vertices: vertices / 2,
+        ..simplified.clone()
+    };
+    let own = make_hexmesh(&torus, &kept, &|_| {}).unwrap();
+    assert!(matches!(own.polycube, HexmeshPolycube::Deformed(_, None)));
     let made = make_hexmesh(&torus, &simplified, &|_| {}).unwrap();
     let HexmeshPolycube::Deformed(_, Some(report)) = &made.polycube else {
         panic!("not simplified");

@@ -1,15 +1,15 @@
-//! Hexahedra by a polycube of voxels, whose boundary is mapped to the model's by embeddings in the sphere or a flat torus.
+//! Hexahedra by a polycube of voxels, whose boundary is mapped to the model's by embeddings in the sphere, a flat torus or a hyperbolic surface.
 
 use super::{
-    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, boxes_per_lattice_cell, carried, lattice_of,
+    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, Model, boxes_per_lattice_cell,
+    carried, lattice_of,
 };
 use crate::boundary_map::SurfaceDistortion;
 use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
-use crate::mesh::{SurfaceMesh, TetMesh};
+use crate::mesh::SurfaceMesh;
 use crate::polycube::{MakePolycubeError, VoxelPolycube, VoxelPolycubeError};
 use crate::progress::ProgressControl;
 use crate::remesh::CellSize;
-use crate::spherical::genus;
 
 /// Voxels along the longest side of the model, at least, where cells are small enough.
 const LEAST_ALONG: usize = 12;
@@ -41,28 +41,31 @@ pub struct VoxelReport {
 
 /// By voxels; by coarser ones if that mesh is not good.
 pub(super) fn hexmesh(
-    model: &TetMesh,
+    model: &Model,
     options: &HexmeshOptions,
     progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
 ) -> Result<Hexmesh, HexmeshError> {
-    let target = model.boundary().surface;
+    let target = &model.surface;
     let has_volume = target.volume() > LEAST_VOLUME * target.diagonal().powi(3);
     if !has_volume {
         return Err(HexmeshError::NoVolume);
     }
-    let handles = match genus(&target) {
-        Ok(handles) => handles,
-        Err(error) => return Err(PairError::Sphere { side: "target", error }.into()),
+    let handles = match &model.genus {
+        Ok(handles) => *handles,
+        Err(error) => {
+            let (side, error) = ("target", error.clone());
+            return Err(PairError::Sphere { side, error }.into());
+        }
     };
     let boxes = boxes_per_lattice_cell(options.kind);
-    let size = lattice_size(options, &target)?;
-    let along = longest_side(&target) / size;
-    let mut polycubes = polycubes(&target, handles, size, along as usize)?;
+    let size = lattice_size(options, target)?;
+    let along = longest_side(target) / size;
+    let mut polycubes = polycubes(target, handles, size, along as usize)?;
     polycubes.truncate(MOST_SIZES);
     let mut best: Option<Hexmesh> = None;
     let mut failure = None;
     for (tried, (cells, polycube)) in (1..).zip(polycubes) {
-        match by_polycube(polycube, cells * boxes, &target, options, progress) {
+        match by_polycube(polycube, cells * boxes, target, options, progress) {
             Ok((polycube, mut report, (fit, remeshed))) => {
                 report.tried = tried;
                 let made = Hexmesh {

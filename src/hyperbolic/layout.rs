@@ -15,8 +15,8 @@ use crate::spherical::{Curvature, EnergyWeights, Hierarchy, RelaxationStar, Rest
 use crate::toroidal::{DeckGroup, LiftedRings, place_in_kernel};
 use crate::{Point, Vector};
 
-/// Vertices of the coarsest mesh, for each handle.
-const BASE_VERTICES: usize = 150;
+/// Vertices of the coarsest mesh, and as many more for each handle: springs and the first sweeps settle the sooner, the fewer they are.
+const BASE_VERTICES: usize = 100;
 const WEIGHTS: EnergyWeights = EnergyWeights { angle: 1.0, area: 0.1 };
 /// Rounds of relaxation of the coarsest mesh; for the vertices that a level has inserted, and for all.
 const BASE_SWEEPS: usize = 100;
@@ -37,7 +37,7 @@ pub(crate) struct HyperbolicSurface {
 impl HyperbolicSurface {
     /// Simplifies a surface of this genus.
     pub fn new(surface: SurfaceMesh, genus: usize) -> Self {
-        let least = BASE_VERTICES * genus;
+        let least = BASE_VERTICES * (1 + genus);
         let hierarchy = Hierarchy::with_least(surface.vertices(), surface.triangles(), least);
         Self { surface, hierarchy }
     }

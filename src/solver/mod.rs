@@ -43,13 +43,6 @@ impl Coefficients {
             affine,
         }
     }
-
-    /// Adds further sources after these, and another affine part to this one.
-    pub(crate) fn add(&mut self, other: Self) {
-        self.sources.extend(other.sources);
-        let entries = self.affine.as_flattened_mut().iter_mut();
-        entries.zip(other.affine.as_flattened()).for_each(|(a, b)| *a += b);
-    }
 }
 
 /// The values of the affine basis functions 1, x, y and z.

@@ -67,25 +67,9 @@ impl Values {
     ///
     /// When the sizes differ.
     pub fn minus(&self, other: &Self) -> Self {
-        self.with(other, |a, b| a - b)
-    }
-
-    /// `self + other`, of the same size.
-    ///
-    /// # Panics
-    ///
-    /// When the sizes differ.
-    pub fn plus(&self, other: &Self) -> Self {
-        self.with(other, |a, b| a + b)
-    }
-
-    fn with(&self, other: &Self, f: impl Fn(f64, f64) -> f64 + Sync) -> Self {
         assert_eq!((self.columns, self.entries.len()), (other.columns, other.entries.len()));
         let pairs = self.entries.par_iter().zip(&other.entries);
-        Self::new(
-            self.columns,
-            pairs.with_min_len(1 << 14).map(|(a, b)| f(*a, *b)).collect(),
-        )
+        Self::new(self.columns, pairs.with_min_len(1 << 14).map(|(a, b)| a - b).collect())
     }
 
     /// The chosen rows, in that order.

@@ -58,39 +58,13 @@ pub struct FitArgs {
 pub struct MethodArgs {
     /// Start from the settings of Li et al. 2007: offset surface at 0.1, s-ratio 0.6, c-ratio 1, svd (see also
     /// --no-affine)
-    #[arg(long)]
+    #[arg(long, conflicts_with = "alpha")]
     pub paper: bool,
     /// Where the sources are placed [default: adaptive, or what --offset, --radius or --paper imply]
     #[arg(long, value_enum)]
     pub placement: Option<PlacementKind>,
-    #[arg(
-        long,
-        help = format!(
-            "Adaptive placement: distance of the sources from the surface, over their local spacing [default: {}]",
-            Placement::DEFAULT_ALPHA
-        ),
-        conflicts_with_all = ["offset", "radius", "paper"],
-    )]
-    pub alpha: Option<f64>,
-    #[arg(
-        long,
-        help = format!(
-            "Offset placement: distance of the sources, as a fraction of the domain's diagonal [default: {}]",
-            Placement::DEFAULT_DISTANCE
-        ),
-        value_name = "FRACTION",
-        conflicts_with = "radius",
-    )]
-    pub offset: Option<f64>,
-    #[arg(
-        long,
-        help = format!(
-            "Sphere placement: radius, as a fraction of the domain's diagonal [default: {}]",
-            Placement::DEFAULT_RADIUS
-        ),
-        value_name = "FRACTION",
-    )]
-    pub radius: Option<f64>,
+    #[command(flatten)]
+    pub place: PlacementArgs,
     #[arg(
         long,
         help = format!(
@@ -160,6 +134,72 @@ pub struct MethodArgs {
     /// Seed of all random choices
     #[arg(long, default_value_t = FitOptions::adaptive().seed)]
     pub seed: u64,
+}
+
+/// How far away the sources are, of which one placement has one.
+#[derive(Debug, Args)]
+pub struct PlacementArgs {
+    #[arg(
+        long,
+        help = format!(
+            "Adaptive placement: distance of the sources from the surface, over their local spacing [default: {}]",
+            Placement::DEFAULT_ALPHA
+        ),
+        conflicts_with_all = ["offset", "radius"],
+    )]
+    alpha: Option<f64>,
+    #[arg(
+        long,
+        help = format!(
+            "Offset placement: distance of the sources, as a fraction of the domain's diagonal [default: {}]",
+            Placement::DEFAULT_DISTANCE
+        ),
+        value_name = "FRACTION",
+        conflicts_with = "radius",
+    )]
+    offset: Option<f64>,
+    #[arg(
+        long,
+        help = format!(
+            "Sphere placement: radius, as a fraction of the domain's diagonal [default: {}]",
+            Placement::DEFAULT_RADIUS
+        ),
+        value_name = "FRACTION",
+    )]
+    radius: Option<f64>,
+}
+
+impl PlacementArgs {
+    /// The placement asked for, or the one that what is given belongs to, or else the default; and its distance or radius.
+    pub fn chosen(&self, asked: Option<PlacementKind>, default: PlacementKind) -> anyhow::Result<(PlacementKind, f64)> {
+        let places = [
+            ("--alpha", PlacementKind::Adaptive, self.alpha, Placement::DEFAULT_ALPHA),
+            (
+                "--offset",
+                PlacementKind::Offset,
+                self.offset,
+                Placement::DEFAULT_DISTANCE,
+            ),
+            (
+                "--radius",
+                PlacementKind::Sphere,
+                self.radius,
+                Placement::DEFAULT_RADIUS,
+            ),
+        ];
+        let given = places.iter().find(|(_, _, value, _)| value.is_some());
+        let chosen = asked.or(given.map(|place| place.1)).unwrap_or(default);
+        if let Some((flag, kind, ..)) = given {
+            anyhow::ensure!(
+                *kind == chosen,
+                "{flag} has no meaning with --placement {}",
+                format!("{chosen:?}").to_lowercase()
+            );
+        }
+        let value = given.and_then(|place| place.2);
+        let usual = places.iter().find(|place| place.1 == chosen).map(|place| place.3);
+        Ok((chosen, value.or(usual).expect("every kind is in the list")))
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -57,8 +57,8 @@ pub struct HexmeshArgs {
     /// code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = MAX_DISTANCE)]
     pub max_distance: f64,
-    /// Largest surface that is deformed as it is: one of genus 0 or 1 with more vertices is simplified, and its polycube's boundary is mapped
-    /// to the model's own
+    /// Largest surface of genus 0 that is deformed as it is; one of genus 1 may have 2.5 times as many vertices. Larger ones are
+    /// simplified, and their polycube's boundary is mapped to the model's own
     #[arg(long, value_name = "VERTICES", default_value_t = MOST_VERTICES)]
     pub max_vertices: usize,
     #[command(flatten)]

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
-use solidmap::fit::{FitOptions, Placement};
+use solidmap::fit::FitOptions;
 use solidmap::solver::DenseOptions;
 
 use super::boundary::BoundaryMapFiles;
-use super::fit::{MethodArgs, PlacementKind};
+use super::fit::{MethodArgs, PlacementArgs, PlacementKind};
 use super::map::{AccuracyArgs, LameArgs};
 use super::section::SectionArgs;
 use super::values::bytes;
@@ -91,34 +91,8 @@ pub struct StudyRatiosArgs {
     /// Where the sources are placed [default: offset, or what --radius or --alpha imply]
     #[arg(long, value_enum)]
     pub placement: Option<PlacementKind>,
-    #[arg(
-        long,
-        help = format!(
-            "Offset placement: distance of the sources, as a fraction of the domain's diagonal [default: {}]",
-            Placement::DEFAULT_DISTANCE
-        ),
-        value_name = "FRACTION",
-        conflicts_with_all = ["radius", "alpha"],
-    )]
-    pub offset: Option<f64>,
-    #[arg(
-        long,
-        help = format!(
-            "Sphere placement: radius, as a fraction of the domain's diagonal [default: {}]",
-            Placement::DEFAULT_RADIUS
-        ),
-        value_name = "FRACTION",
-        conflicts_with = "alpha",
-    )]
-    pub radius: Option<f64>,
-    #[arg(
-        long,
-        help = format!(
-            "Adaptive placement: distance of the sources from the surface, over their local spacing [default: {}]",
-            Placement::DEFAULT_ALPHA
-        ),
-    )]
-    pub alpha: Option<f64>,
+    #[command(flatten)]
+    pub place: PlacementArgs,
     #[command(flatten)]
     pub system: StudySystemArgs,
     #[command(flatten)]

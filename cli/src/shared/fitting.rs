@@ -59,23 +59,11 @@ fn in_words(phase: Phase) -> String {
 
 /// The library's options, from the arguments.
 pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
-    let placement = args.placement.unwrap_or(match (args.offset, args.radius) {
-        (Some(_), _) => PlacementKind::Offset,
-        (None, Some(_)) => PlacementKind::Sphere,
-        (None, None) if args.paper => PlacementKind::Offset,
-        (None, None) => PlacementKind::Adaptive,
-    });
-    for (given, flag, kind) in [
-        (args.alpha.is_some(), "--alpha", PlacementKind::Adaptive),
-        (args.offset.is_some(), "--offset", PlacementKind::Offset),
-        (args.radius.is_some(), "--radius", PlacementKind::Sphere),
-    ] {
-        anyhow::ensure!(
-            !given || placement == kind,
-            "{flag} has no meaning with --placement {}",
-            format!("{placement:?}").to_lowercase()
-        );
-    }
+    let default = match args.paper {
+        true => PlacementKind::Offset,
+        false => PlacementKind::Adaptive,
+    };
+    let (placement, parameter) = args.place.chosen(args.placement, default)?;
     // The paper's placements come with its ratios, the adaptive one with an overdetermined system.
     let base = if args.paper || placement != PlacementKind::Adaptive {
         FitOptions::paper()
@@ -83,15 +71,9 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         FitOptions::adaptive()
     };
     let placement = match placement {
-        PlacementKind::Adaptive => Placement::Adaptive {
-            alpha: args.alpha.unwrap_or(Placement::DEFAULT_ALPHA),
-        },
-        PlacementKind::Offset => Placement::Offset {
-            distance: args.offset.unwrap_or(Placement::DEFAULT_DISTANCE),
-        },
-        PlacementKind::Sphere => Placement::Sphere {
-            radius: args.radius.unwrap_or(Placement::DEFAULT_RADIUS),
-        },
+        PlacementKind::Adaptive => Placement::Adaptive { alpha: parameter },
+        PlacementKind::Offset => Placement::Offset { distance: parameter },
+        PlacementKind::Sphere => Placement::Sphere { radius: parameter },
     };
     let kind = args.method.unwrap_or(match base.method {
         FitMethod::Schwarz { .. } => MethodKind::Schwarz,

@@ -38,8 +38,8 @@ struct HexmeshOptions {
   /// How far a vertex of the model may be from the mesh, as a fraction of the model's diagonal, before another polycube
   /// is tried; positive.
   double max_distance = 0.05;
-  /// A model of genus 0 or 1 whose surface has more vertices is simplified, and its polycube is that of the simplified one. The
-  /// mesh's boundary is on the model itself.
+  /// A model of genus 0 whose surface has more vertices, or one of genus 1 with more than 2.5 times as many, is simplified, and its
+  /// polycube is that of the simplified one. The mesh's boundary is on the model itself.
   std::size_t max_vertices = 6000;
   PolycubeKind polycube_kind = PolycubeKind::automatic;
   /// How the model is deformed. The lattice is chosen by the size of the cells.

@@ -53,11 +53,16 @@ impl BoundaryCheck {
             ComparedWith::Target => "target",
             _ => "sphere",
         };
+        let composition = self.composition.as_ref();
+        let decided = match composition.is_some_and(|composition| composition.through_hyperbolic_surface) {
+            true => "by exact words and by areas",
+            false => "decided exactly",
+        };
         match self.verdict {
             BijectivityVerdict::Bijective if self.findings.is_empty() => {
-                format!("One to one with the {what}, decided exactly.")
+                format!("One to one with the {what}, {decided}.")
             }
-            BijectivityVerdict::Bijective => format!("One to one with the {what}, decided exactly; but see below."),
+            BijectivityVerdict::Bijective => format!("One to one with the {what}, {decided}; but see below."),
             BijectivityVerdict::NoDefectFound => "No defect found: one to one, as far as can be decided.".into(),
             BijectivityVerdict::Doubtful => "Perhaps one to one: see the warnings below.".into(),
             BijectivityVerdict::NotBijective => "NOT one to one.".into(),

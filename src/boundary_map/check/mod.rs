@@ -102,7 +102,7 @@ pub struct BoundaryCheck {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BijectivityVerdict {
-    /// A bijection with or through the sphere, decided exactly; it may reverse the orientation.
+    /// A bijection with or through the sphere, decided exactly, or through a hyperbolic surface, up to rounding; it may reverse the orientation.
     Bijective,
     /// No error and no warning was found.
     NoDefectFound,

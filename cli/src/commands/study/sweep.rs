@@ -7,7 +7,7 @@ use anyhow::{Context, ensure};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::compare::outward;
 use solidmap::energy::{AdaptiveOptions, EnergyOptions, GridResolution};
-use solidmap::fit::{FitMethod, FitOptions, Placement};
+use solidmap::fit::{FitMethod, FitOptions};
 use solidmap::solver::{Decomposition, DenseOptions};
 
 use super::charts;
@@ -74,27 +74,7 @@ pub fn placement(args: &StudyPlacementArgs, output: &Output) -> anyhow::Result<C
 
 /// Errors, energies and conditioning over the numbers of sources and collocation points.
 pub fn ratios(args: &StudyRatiosArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
-    let placement = args.placement.unwrap_or(match (args.radius, args.alpha) {
-        (Some(_), _) => PlacementKind::Sphere,
-        (None, Some(_)) => PlacementKind::Adaptive,
-        (None, None) => PlacementKind::Offset,
-    });
-    for (given, flag, kind) in [
-        (args.alpha.is_some(), "--alpha", PlacementKind::Adaptive),
-        (args.offset.is_some(), "--offset", PlacementKind::Offset),
-        (args.radius.is_some(), "--radius", PlacementKind::Sphere),
-    ] {
-        ensure!(
-            !given || placement == kind,
-            "{flag} has no meaning with --placement {}",
-            super::setting::name(placement)
-        );
-    }
-    let parameter = match placement {
-        PlacementKind::Sphere => args.radius.unwrap_or(Placement::DEFAULT_RADIUS),
-        PlacementKind::Offset => args.offset.unwrap_or(Placement::DEFAULT_DISTANCE),
-        PlacementKind::Adaptive => args.alpha.unwrap_or(Placement::DEFAULT_ALPHA),
-    };
+    let (placement, parameter) = args.place.chosen(args.placement, PlacementKind::Offset)?;
     let sweep = Sweep {
         kind: SweepKind::Ratios,
         source: &args.source,
