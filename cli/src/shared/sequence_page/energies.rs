@@ -55,7 +55,7 @@ pub const QUANTITIES: [Quantity; 6] = [
 pub struct EnergyRow {
     pub frame: usize,
     pub time: f64,
-    /// The file that the frame was read from.
+    /// Name of the file that the frame was read from, without its folder.
     pub file: String,
     /// Of [`QUANTITIES`], in order; NaN where the frame was skipped.
     #[serde(skip)]
@@ -102,7 +102,11 @@ pub fn read(path: &Path) -> anyhow::Result<Vec<EnergyRow>> {
         let row = EnergyRow {
             frame: number(frame)? as usize,
             time: number(time)?,
-            file: text(file).to_owned(),
+            file: Path::new(text(file))
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
             values,
             skipped: text(skipped).to_owned(),
         };

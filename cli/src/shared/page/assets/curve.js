@@ -13,7 +13,7 @@ export class Curve {
   constructor({ rows, shown, cycles, across }, go) {
     Object.assign(this, { rows, shown, cycles, across, go });
     this.current = 0;
-    this.values = [];
+    Object.assign(this, { values: [], label: '' });
     this.canvas = element('canvas', {
       class: 'curve', tabindex: 0, role: 'slider', 'aria-label': 'frame on the curve', 'aria-valuemin': 1, 'aria-valuemax': shown.length,
     });
@@ -118,6 +118,8 @@ export class Curve {
       context.fillText(significant(Number(value.toPrecision(6)), 3), LEFT - 6, y(value));
     }
     context.textBaseline = 'alphabetic';
+    context.textAlign = 'left';
+    context.fillText(this.label, LEFT + 6, TOP + 14);
     context.textAlign = 'center';
     const along = niceStep(this.last - this.first, 8);
     for (let time = Math.ceil(this.first / along) * along; time <= this.last + along / 1e6; time += along) {

@@ -10,6 +10,8 @@ import { Stage } from 'page/stage';
 /** Frames each second where times are the numbers of frames. */
 const RATE = 8;
 const [SLOWEST, FASTEST] = [1, 60];
+/** How far logarithmic scales reach down. */
+const DECADES = 4;
 
 const SHADER = {
   vertexShader: `
@@ -54,7 +56,7 @@ class SequencePage {
     this.readout = element('div', { class: 'readout wide', 'aria-label': 'the frame, and the point under the pointer' });
     this.curve = new Curve(data, (frame) => this.go(frame));
     const controls = this.#controls();
-    this.element = element('div', {}, element('div', { class: 'workbench' },
+    this.element = element('div', {}, element('div', { class: 'workbench played' },
       element('div', {}, this.stage.element, this.#playback(), this.curve.canvas, this.readout), controls), this.#table());
     this.element.addEventListener('keydown', (event) => {
       if (event.key !== ' ' || event.target.tagName !== 'CANVAS') return;
@@ -105,6 +107,13 @@ class SequencePage {
     return frames;
   }
 
+  /** The field that is shown; with a logarithmic scale over the upper decades of its amounts. */
+  #field() {
+    const field = this.fields.get(this.state.field);
+    if (!this.state.logarithmic || !(field.high > 0)) return field;
+    return { ...field, logarithmic: true, low: field.high / 10 ** DECADES, clamps: true };
+  }
+
   #places(n) {
     return this.arrays[`frame-${n}`];
   }
@@ -127,11 +136,18 @@ class SequencePage {
     const { data, state } = this;
     const fields = choice('by', data.fields.map(({ key, label }) => [key, label]), state.field, (field) => {
       state.field = field;
-      this.legend.show(this.fields.get(field));
+      recoloured();
+    });
+    const recoloured = () => {
+      this.legend.show(this.#field());
       this.#show();
+    };
+    const logarithmic = tick('logarithmic scale', false, (is) => {
+      state.logarithmic = is;
+      recoloured();
     });
     this.legend = legend(data.palettes);
-    this.legend.show(this.fields.get(state.field));
+    this.legend.show(this.#field());
     const curves = choice('of', data.curves.map(({ label }, n) => [n, label]), 0, (n) => this.#curve(Number(n)));
     this.meaning = remark('');
     const rate = slider('speed', {
@@ -139,7 +155,7 @@ class SequencePage {
     }, (value) => { state.rate = value; });
     const first = data.from_first ? 'first frame as a shadow' : 'reference as a shadow';
     return element('div', { class: 'controls' },
-      group('Colour', fields.element, this.legend.element),
+      group('Colour', fields.element, logarithmic.element, this.legend.element),
       group('Curve', curves.element, this.meaning, remark('Click on it to go to a frame.')),
       group('Play', rate.element, remark('Space plays and stops, where the view or the curve has the focus.')),
       group('Show', tick(first, false, (visible) => {
@@ -230,7 +246,7 @@ class SequencePage {
     this.stale = false;
     const { triangles } = this.arrays;
     const { frame } = this.state;
-    const field = this.fields.get(this.state.field);
+    const field = this.#field();
     const places = this.#places(frame);
     const values = this.#values(field, frame);
     const ofTriangles = field.over === 'triangles';
