@@ -43,6 +43,22 @@ fn a_page_that_cannot_be_written_is_refused_before_the_work() {
 }
 
 #[test]
+fn a_page_of_a_certificate_has_its_boxes() {
+    let place = with_fitted_ball(|p| Point::new(p.x + 1.2 * p.x * p.x, p.y, p.z));
+    let line = "certify map.safetensors --finest 64 --html page.html --samples 8 --json";
+    let report = place.report(1, line);
+    assert_eq!(report["page"], "page.html");
+    let text = std::fs::read_to_string(place.path("page.html")).unwrap();
+    for array in ["folded", "undecided"] {
+        assert!(text.contains(&format!("data-array=\"{array}\"")), "{array}");
+    }
+    place.fails(
+        "certify map.safetensors --html page.png",
+        &["`page.png`", "name it .html"],
+    );
+}
+
+#[test]
 fn a_mesh_is_shown_whole_or_not_at_all() {
     let place = Workplace::new();
     let cube = Polycube::of(&shapes::cube(1.0, 1)).unwrap();
