@@ -87,10 +87,14 @@ class MapPage {
     });
     const { wrong } = data.palettes;
     this.boxes = arrays.folded && {
-      folded: boxes(arrays.folded, wrong.map((part) => part / 255)),
-      undecided: boxes(arrays.undecided, [0.5, 0.5, 0.5]),
+      folded: boxes(arrays.folded, wrong.map((part) => part / 255), 0.45),
+      undecided: boxes(arrays.undecided, [0.5, 0.5, 0.5], 0.12),
     };
-    if (this.boxes) this.stage.views[0].scene.add(this.boxes.folded, this.boxes.undecided);
+    if (this.boxes) {
+      // They lie around the folded ones, and would hide them.
+      this.boxes.undecided.visible = false;
+      this.stage.views[0].scene.add(this.boxes.folded, this.boxes.undecided);
+    }
   }
 
   #controls() {
@@ -138,7 +142,7 @@ class MapPage {
       group('Target', morph.element,
         remark('Points move to their images along straight lines, with both solids scaled to one size.')),
       ...(this.boxes ? [group('Certificate', ...Object.entries(this.boxes).map(([name, mesh]) => (
-        tick(`${name} boxes`, true, (visible) => {
+        tick(`${name} boxes`, mesh.visible, (visible) => {
           mesh.visible = visible;
           this.stage.draw();
         }).element)), remark('Of the domain: magenta where the map is proved to be folded, grey where nothing is proved.'))] : []),
@@ -302,8 +306,8 @@ function replace(geometry, attributes) {
 }
 
 /** Boxes with their centres and sides, seen through what is before them. */
-function boxes(placed, colour) {
-  const material = new MeshBasicMaterial({ transparent: true, opacity: 0.45, depthTest: false });
+function boxes(placed, colour, opacity) {
+  const material = new MeshBasicMaterial({ transparent: true, opacity, depthTest: false });
   material.color.setRGB(...colour);
   const made = new InstancedMesh(new BoxGeometry(), material, placed.length / 4);
   const matrix = new Matrix4();
