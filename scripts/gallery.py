@@ -10,6 +10,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+import textwrap
 
 from PIL import Image
 
@@ -70,7 +71,7 @@ def stretched(report):
 
 
 def remeshed(mesh):
-    return f"{mesh['cells']} cells; scaled Jacobian at least {mesh['min_scaled_jacobian']:.3f}; {mesh['inverted_cells']} inverted"
+    return f"{mesh['cells']} {'hexahedra' if mesh['kind'] == 'hexes' else 'tetrahedra'}; scaled Jacobian at least {mesh['min_scaled_jacobian']:.3f}; {mesh['inverted_cells']} inverted"
 
 
 PAPER = [
@@ -121,7 +122,7 @@ PAPER = [
         "A solid texture",
         ["texture spot.obj --checker --png spot_texture.png --up y --position 0.45"],
         lambda texture: f"Colours of the surface extended inside; on the surface they are off by "
-        f"{texture['surface_error']['rms']:.3f} rms (1 is from black to white).",
+        f"{e(texture['surface_error']['rms'])} rms (1 is from black to white) ([texture.md](texture.md)).",
     ),
     Entry(
         "cup_kitten.png",
@@ -184,8 +185,9 @@ BEYOND = [
             "transfer max.map checker.vtk --label checker -o checker_carried.vtu --png max_planck_inverse.png --axis x --up y",
             "eval max.map max_planck.mesh --inverse -o preimages.vtu",
         ],
-        lambda carried, inverse: f"`checker.vtk` has 7 × 7 × 7 dice in the cube. Of {inverse['points']} nodes in Max Planck's head {inverse['ok']} have one "
-        f"preimage, {inverse['folded']} are folded, and {inverse['outside']} beside the image; round trips are exact to "
+        lambda carried, inverse: "`checker.vtk` is a checker of 7 × 7 × 7 cubes in the cube; at the nape, where the map folds, two sheets of it overlap. "
+        f"Of {inverse['points']} nodes in Max Planck's head {inverse['ok']} have one "
+        f"preimage, {inverse['folded']} are in folds, and {inverse['outside']} beside the image of the cube; round trips are exact to "
         f"{e(inverse['round_trip_max'])} of the diagonal ([inverse.md](inverse.md)).",
     ),
 ]
@@ -258,9 +260,11 @@ def made(folder, work, entry):
     picture = Image.open(found).convert("RGB")
     if found.stat().st_size > LARGEST:
         picture = picture.resize((picture.width // 2, picture.height // 2), Image.LANCZOS)
-    picture.save(target, optimize=True)
+    if not target.exists() or Image.open(target).convert("RGB").tobytes() != picture.tobytes():
+        picture.save(target, optimize=True)
     commands = "\n".join(f"solidmap {command}" for command in entry.commands)
-    return f"### {entry.title}\n\n![{entry.title}](images/{entry.picture})\n\n```sh\n{commands}\n```\n\n{entry.caption(*reports)}\n"
+    caption = textwrap.fill(entry.caption(*reports), 120, break_long_words=False, break_on_hyphens=False)
+    return f"### {entry.title}\n\n![{entry.title}](images/{entry.picture})\n\n```sh\n{commands}\n```\n\n{caption}\n"
 
 
 def main(folder, work):
