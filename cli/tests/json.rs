@@ -295,7 +295,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("eval --inverse", "eval cube.map at.csv --inverse -o i.csv"),
         ("energy", "energy cube.map --resolution 8"),
         ("certify", "certify ball.map --finest 32"),
-        ("certify", "certify folded.map --finest 16"),
+        ("certify", "certify folded.map --finest 16 --html c.html --samples 8"),
         ("transfer", "transfer cube.map field.csv -o t.csv"),
         ("transfer", "transfer cube.map field.csv --at at.csv -o t.csv"),
         (
@@ -334,13 +334,14 @@ fn every_field_of_a_report_is_documented_and_written() {
         ),
         (
             "sequence",
-            "sequence open.ply opened.ply -o seq2 --close-holes --resolution 8 --material ball.vtu",
+            "sequence open.ply opened.ply -o seq2 --close-holes --resolution 8 --material ball.vtu --html seq2.html",
         ),
         (
             "sequence",
             "sequence ball.ply bent.ply -o seq4 --map bijective --resolution 8 --no-vtu",
         ),
         ("sequence", "sequence both.ply both.ply -o seq3 --resolution 8 --no-vtu"),
+        ("view", "view seq2 -o s.html"),
         (
             "study",
             "study placement ball.ply bent.ply --placements sphere,offset,adaptive --radius 0.4,1 --offset 0.1 --alpha 1 \

@@ -26,6 +26,7 @@ pub fn read_mesh(extension: &str, bytes: &[u8]) {
         named(path, io::read_solid(path));
         named(path, io::read_cells(path));
         named(path, io::read_fields(path));
+        named(path, io::read_surface_with_fields(path));
     });
 }
 

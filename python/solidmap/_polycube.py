@@ -286,7 +286,7 @@ def hexmesh(
     max_distance : float
         Farthest that a vertex of the model may be from the mesh, as a fraction of the model's diagonal.
     max_vertices : int
-        Largest surface of genus 0 that is deformed as it is; one of genus 1 may have 2.5 times as many vertices. Larger ones
+        Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones
         are simplified first.
     worst : int
         How many of the worst places are listed.

@@ -66,7 +66,7 @@ pub struct HexmeshOptions {
     pub max_distance: f64,
     /// Where the polycube comes from.
     pub polycube_kind: PolycubeKind,
-    /// A model of genus 0 whose surface has more vertices, or one of genus 1 with more than 2.5 times as many, is simplified, and its
+    /// A model of genus 0 whose surface has more vertices, or one with handles with more than 2.5 times as many, is simplified, and its
     /// polycube is made from the simplified one. The mesh's boundary is on the model itself. Without the feature `native` it is
     /// deformed as it is.
     pub most_vertices: usize,
@@ -235,7 +235,11 @@ pub fn make_hexmesh<R: ProgressResponse>(
         PolycubeKind::Deformed => false,
         PolycubeKind::Voxels => return voxels::hexmesh(&model, options, &progress),
     };
-    let few_attempts = may_be_voxels && model.genus.as_ref().is_ok_and(|genus| *genus <= HANDLES_OF_FEW_ATTEMPTS);
+    let few_attempts = may_be_voxels
+        && model
+            .genus
+            .as_ref()
+            .is_ok_and(|genus| *genus <= HANDLES_OF_FEW_ATTEMPTS);
     match by_deformation(&model, options, few_attempts, &progress) {
         Ok(made) if may_be_voxels && !made.is_good(options) => {
             // What the other polycube fails with says nothing about this one.

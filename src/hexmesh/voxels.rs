@@ -1,8 +1,8 @@
 //! Hexahedra by a polycube of voxels, whose boundary is mapped to the model's by embeddings in the sphere, a flat torus or a hyperbolic surface.
 
 use super::{
-    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, Model, boxes_per_lattice_cell,
-    carried, lattice_of,
+    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, Model, boxes_per_lattice_cell, carried,
+    lattice_of,
 };
 use crate::boundary_map::SurfaceDistortion;
 use crate::boundary_map::pair::{PairError, PairOptions, map_pair};

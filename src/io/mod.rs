@@ -17,7 +17,7 @@
 //! | `.vti` | fields on a grid (encodings as `.vtu`) | bytes on a grid, compressed |
 //! | `.csv` | points; fields | tables |
 //! | `.npy` | points | tables |
-//! | `.pvd` | no | VTK files with their times ([`write_pvd`]) |
+//! | `.pvd` | VTK files with their times ([`read_pvd`]) | the same ([`write_pvd`]) |
 //!
 //! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
 //! faces get the same triangles. Files are written whole or not at all ([`atomic_write`]).
@@ -55,7 +55,7 @@ pub use fields::{Field, VtkFields};
 pub use node_images::read_node_images;
 pub use ply::write_coloured_ply;
 pub use points::{write_csv, write_npy};
-pub use pvd::write_pvd;
+pub use pvd::{read_pvd, write_pvd};
 pub use textured_obj::{TexturedSurface, read_textured_surface};
 pub use triangle_labels::{read_triangle_labels, write_triangle_labels};
 pub use vtk::{ImageGrid, VtkEncoding, write_vti, write_vtk, write_vtu};
@@ -121,6 +121,17 @@ pub struct FieldFile {
     pub point: Vec<Field>,
     /// Fields over the cells.
     pub cell: Vec<Field>,
+}
+
+/// A surface with fields.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SurfaceFields {
+    /// The surface.
+    pub surface: SurfaceMesh,
+    /// Fields over its vertices.
+    pub point: Vec<Field>,
+    /// Fields over its triangles.
+    pub triangle: Vec<Field>,
 }
 
 /// Whether the extension is that of a mesh format.
@@ -224,6 +235,20 @@ pub fn read_fields(path: impl AsRef<Path>) -> Result<FieldFile, IoError> {
         .chain(&POINT_FORMATS)
         .filter(move |other| !has_fields(other));
     read(path, "fields", FIELD_FORMATS.iter().chain(others))?.into_fields(path)
+}
+
+/// Reads a surface with its fields (`.vtk`, `.vtu`). Cell data are kept where all cells of the file are triangles or polygons,
+/// whose triangles get the polygon's value.
+///
+/// # Errors
+///
+/// As [`read_surface`] and [`read_fields`].
+pub fn read_surface_with_fields(path: impl AsRef<Path>) -> Result<SurfaceFields, IoError> {
+    let path = path.as_ref();
+    let formats = FIELD_FORMATS
+        .iter()
+        .filter(|format| ["vtk", "vtu"].contains(&format.extension));
+    read(path, "a surface with fields", formats)?.into_surface_with_fields(path)
 }
 
 /// Writes a surface (`.obj`, `.ply`, `.off`, `.mesh`, `.msh`, `.vtk`, `.vtu`, `.stl`). Coordinates read back to the same

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::polygon::{self, Triangles};
-use super::{Field, FieldFile, IoError, SolidMesh, input::excerpt};
+use super::{Field, FieldFile, IoError, SolidMesh, SurfaceFields, input::excerpt};
 use crate::{
     Point,
     mesh::{CellList, CellMesh, MeshError, SurfaceMesh, TetMesh},
@@ -26,6 +26,8 @@ pub(super) struct RawMesh {
     /// The index of each tetrahedron or hexahedron among all cells of the file, in formats with cell fields; in order
     /// where all are of one kind.
     pub cell_of_volume: Vec<usize>,
+    /// Whether some polygons are parts of strips, in formats with cell fields.
+    pub has_strips: bool,
     /// Number of cells of any kind so far.
     pub cells: usize,
     /// Fields over the vertices and over all cells of the file, if they were asked for.
@@ -199,21 +201,7 @@ impl RawMesh {
         let point = std::mem::take(&mut self.point_fields);
         let cell = std::mem::take(&mut self.cell_fields);
         let cell_of_volume = std::mem::take(&mut self.cell_of_volume);
-        let (vertices, cells) = (self.vertices.len(), self.cells);
-        if let Some(field) = point.iter().chain(&cell).find(|f| f.components > MAX_COMPONENTS) {
-            let (name, components) = (excerpt(field.name.as_bytes()), field.components);
-            let found = format!("the field `{name}` of {components} components");
-            let remedy = "leave it out, or cut it into fields of at most 4096 components";
-            return Err(IoError::unsupported(path, found, remedy));
-        }
-        let over_vertices = point.iter().map(|f| (f, vertices));
-        for (field, count) in over_vertices.chain(cell.iter().map(|f| (f, cells))) {
-            let (expected, found) = (count * field.components, field.values.len());
-            if found != expected {
-                let name = excerpt(field.name.as_bytes());
-                return Err(IoError::value_count(path, name, expected, found));
-            }
-        }
+        self.check_fields(path, &point, &cell)?;
         self.refuse_other_cells(path)?;
         if !self.has_cells() {
             let triangles = self.triangles(path, &self.cuts_by_shape())?;
@@ -240,6 +228,50 @@ impl RawMesh {
             cell: cell.into_iter().map(of_volumes).collect(),
             ..FieldFile::default()
         })
+    }
+
+    /// The surface with its fields; those over cells where every cell of the file is a polygon.
+    pub fn into_surface_with_fields(mut self, path: &Path) -> Result<SurfaceFields, IoError> {
+        let point = std::mem::take(&mut self.point_fields);
+        let cell = std::mem::take(&mut self.cell_fields);
+        self.check_fields(path, &point, &cell)?;
+        let corners: Vec<usize> = self.polygons.iter().map(<[i64]>::len).collect();
+        let all_are_polygons = !self.has_strips && corners.len() == self.cells;
+        let surface = self.into_surface(path)?;
+        let of_triangles = |field: Field| {
+            let of_cell = field.values.chunks_exact(field.components.max(1)).zip(&corners);
+            let values = of_cell.flat_map(|(value, corners)| std::iter::repeat_n(value, corners.saturating_sub(2)));
+            let values = values.flatten().copied().collect();
+            Field { values, ..field }
+        };
+        Ok(SurfaceFields {
+            surface,
+            point,
+            triangle: match all_are_polygons {
+                true => cell.into_iter().map(of_triangles).collect(),
+                false => vec![],
+            },
+        })
+    }
+
+    /// Refuses fields that have not one value for each vertex or cell.
+    fn check_fields(&self, path: &Path, point: &[Field], cell: &[Field]) -> Result<(), IoError> {
+        let (vertices, cells) = (self.vertices.len(), self.cells);
+        if let Some(field) = point.iter().chain(cell).find(|f| f.components > MAX_COMPONENTS) {
+            let (name, components) = (excerpt(field.name.as_bytes()), field.components);
+            let found = format!("the field `{name}` of {components} components");
+            let remedy = "leave it out, or cut it into fields of at most 4096 components";
+            return Err(IoError::unsupported(path, found, remedy));
+        }
+        let over_vertices = point.iter().map(|f| (f, vertices));
+        for (field, count) in over_vertices.chain(cell.iter().map(|f| (f, cells))) {
+            let (expected, found) = (count * field.components, field.values.len());
+            if found != expected {
+                let name = excerpt(field.name.as_bytes());
+                return Err(IoError::value_count(path, name, expected, found));
+            }
+        }
+        Ok(())
     }
 
     /// How polygons are cut whose shape asks for it: see [`polygon::cut_by_shape`].

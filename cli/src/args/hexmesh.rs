@@ -57,7 +57,7 @@ pub struct HexmeshArgs {
     /// code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = MAX_DISTANCE)]
     pub max_distance: f64,
-    /// Largest surface of genus 0 that is deformed as it is; one of genus 1 may have 2.5 times as many vertices. Larger ones are
+    /// Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones are
     /// simplified, and their polycube's boundary is mapped to the model's own
     #[arg(long, value_name = "VERTICES", default_value_t = MOST_VERTICES)]
     pub max_vertices: usize,
@@ -81,11 +81,11 @@ pub struct HexmeshArgs {
 /// Where the polycube of `hexmesh` comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PolycubeChoice {
-    /// The model, deformed; for models of genus 0 or 1 voxels, if the first attempt leads to no valid mesh
+    /// The model, deformed; voxels, if the first attempt leads to no valid mesh (with two handles or more: if none does)
     Auto,
     /// The model, deformed until each of its triangles lies across an axis. Any genus
     Deformed,
-    /// Voxels that fill the model, their boundary mapped to the model's. For models of genus 0 or 1
+    /// Voxels that fill the model, their boundary mapped to the model's
     Voxels,
 }
 

@@ -145,6 +145,11 @@ pub struct CertifyArgs {
     /// Write a picture of a cross-section, coloured by what is proved, and of its worst place enlarged (.png)
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
+    /// Write a page to look into the map, as `view` does, with boxes where it is folded or where that is undecided (.html)
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageArgs,
     /// Size of the smallest cells: how many along the longest side of the domain, rounded up to a power of two
     #[arg(long, default_value_t = 4096, value_name = "N")]
     pub finest: usize,

@@ -11,6 +11,7 @@ use super::fit::MethodArgs;
 use super::map::{AccuracyArgs, LameArgs};
 use super::section::SectionArgs;
 use super::values::effort;
+use super::view::PageSizeArgs;
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
@@ -64,6 +65,11 @@ pub struct SequenceArgs {
     /// Do not write the series of energies for ParaView
     #[arg(long)]
     pub no_vtu: bool,
+    /// Page to play the frames in a browser, as `solidmap view` writes it of DIR (.html)
+    #[arg(long, value_name = "PAGE", conflicts_with = "no_vtu")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageSizeArgs,
     #[command(flatten)]
     pub section: SectionArgs,
     #[command(flatten)]

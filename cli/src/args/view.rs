@@ -18,7 +18,8 @@ const MAX_SIZE: u64 = 60_000_000;
                   from a network."
 )]
 pub struct ViewArgs {
-    /// Map file, boundary file, or mesh of tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu)
+    /// Map file, boundary file, mesh of tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu), or sequence: a folder that
+    /// `sequence` has written, or a .pvd file of surfaces
     pub file: PathBuf,
     /// Page to write (.html)
     #[arg(short, long, value_name = "PAGE")]
@@ -54,8 +55,8 @@ impl Default for PageArgs {
 /// How large a page may be.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct PageSizeArgs {
-    /// Largest size of a page, such as 20MB: where it would be larger a map is sampled more coarsely, and the page says so;
-    /// the page of a mesh is not written then
+    /// Largest size of a page, such as 20MB: where it would be larger a map is sampled more coarsely, or frames are left
+    /// out, and the page says so; the page of a mesh is not written then
     #[arg(long, default_value = "60MB", value_name = "SIZE", value_parser = super::values::bytes)]
     pub max_size: u64,
 }

@@ -208,6 +208,7 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         energy: &energy,
         options,
         up: pair.up,
+        certificate: None,
     };
     page::write(&folder.join("map.html"), &page.make(&PageArgs::default(), output)?.html)?;
     output.finish();

@@ -139,6 +139,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             energy: &energy,
             options,
             up: args.section.up,
+            certificate: None,
         };
         page::write(path, &page.make(&args.page, output)?.html)?;
     }

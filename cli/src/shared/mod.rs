@@ -27,4 +27,5 @@ pub mod points;
 pub mod polycubes;
 pub mod progress;
 pub mod remeshing;
+pub mod sequence_page;
 pub mod stored_paths;

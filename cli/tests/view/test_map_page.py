@@ -220,3 +220,25 @@ def test_a_page_that_would_be_too_large_says_that_it_is_coarser(maps, opened, tm
     page = opened(tmp_path / "small.html")
     assert "Sampled more coarsely than asked for" in page.page.locator(".notes").inner_text()
     assert page.said == []
+
+
+def test_what_is_proved_is_shown_by_boxes_in_the_domain(maps, opened):
+    # Sources of the default placement are too near to the boundary of so coarse a ball for anything to be proved.
+    solidmap(maps, "fit", "ball.obj", "--image", "folded.obj", "-o", "far.map", "--placement", "sphere", "--no-refine")
+    solidmap(maps, "certify", "far.map", "--finest", "64", "--html", "proved.html", "--samples", "16")
+    page = opened(maps / "proved.html")
+    assert page.said == []
+    folded, undecided = page.page.evaluate("['folded', 'undecided'].map((name) => solidmapPage.arrays[name].length / 4)")
+    assert folded > 10 and undecided > 10
+    # With x² on the boundary continued by (1 + 2x² - y² - z²) / 3 the map turns back where x < -5/8, in a ball of radius 1 and a
+    # view of radius 3^½.
+    farthest = page.page.evaluate(
+        "Math.max(...solidmapPage.arrays.folded.filter((_, k) => k % 4 === 0)) * Math.sqrt(3)")
+    assert -0.75 < farthest < -0.6
+    seen = [page.hashes()]
+    for name in ("folded boxes", "undecided boxes"):
+        page.page.get_by_label(name, exact=True).click()
+        seen.append(page.hashes())
+    domain, target = zip(*seen)
+    assert len(set(domain)) == 3 and len(set(target)) == 1
+    assert "proved to be inverted" in page.page.locator(".about table").first.inner_text()

@@ -17,12 +17,12 @@ namespace solidmap {
 
 /// Where the polycube of make_hexmesh() comes from.
 enum class PolycubeKind : std::uint8_t {
-  /// For a solid of genus 0 or 1 a deformation of the model if one attempt finds one that leads to a valid mesh, else
-  /// voxels; for others a deformation of the model.
+  /// A deformation of the model if one attempt finds one that leads to a valid mesh (with two handles or more: if any attempt
+  /// does), else voxels.
   automatic,
   /// The model, deformed, as by make_polycube().
   deformed,
-  /// Cubes of one size that fill the model and reach its limbs, for solids of genus 0 or 1.
+  /// Cubes of one size that fill the model and reach its limbs.
   voxels,
 };
 
@@ -38,7 +38,7 @@ struct HexmeshOptions {
   /// How far a vertex of the model may be from the mesh, as a fraction of the model's diagonal, before another polycube
   /// is tried; positive.
   double max_distance = 0.05;
-  /// A model of genus 0 whose surface has more vertices, or one of genus 1 with more than 2.5 times as many, is simplified, and its
+  /// A model of genus 0 whose surface has more vertices, or one with handles with more than 2.5 times as many, is simplified, and its
   /// polycube is that of the simplified one. The mesh's boundary is on the model itself.
   std::size_t max_vertices = 6000;
   PolycubeKind polycube_kind = PolycubeKind::automatic;
@@ -114,8 +114,8 @@ struct Hexmesh {
 /// A model of 50 000 tetrahedra takes 15 s to a minute on two cores. The steps are those of make_polycube(),
 /// BoundaryMap::pair() (for voxels and simplified models), fit() and remesh(); with a second polycube they begin again.
 ///
-/// Throws Error: numerical (no polycube was found), invalid_input (hexahedra, a model or option that cannot be used,
-/// voxels for a model with several handles), memory (more cells or bytes than allowed), cancelled, and else as fit() and
+/// Throws Error: numerical (no polycube was found), invalid_input (hexahedra, a model or option that cannot be used),
+/// memory (more cells or bytes than allowed), cancelled, and else as fit() and
 /// remesh().
 Hexmesh make_hexmesh(const CellMesh& model, const HexmeshOptions& options = {}, const ProgressCallback& progress = {});
 

@@ -25,7 +25,10 @@ pub(super) fn add_cells<'c>(
         match (kind, corners) {
             (1..=4 | 21, _) => {}
             (5, &[a, b, c]) => raw.polygons.push([a, b, c]),
-            (6, strip) => raw.polygons.push_strip(strip),
+            (6, strip) => {
+                raw.polygons.push_strip(strip);
+                raw.has_strips = true;
+            }
             (7, polygon) => raw.polygons.push(polygon.iter().copied()),
             // The corners of a pixel are in rows, not around it.
             (8, &[a, b, c, d]) => raw.polygons.push([a, b, d, c]),

@@ -29,8 +29,8 @@ struct Summary {
 
 pub fn run(args: &CertifyArgs, map: &BijectiveMap, output: &Output) -> anyhow::Result<CommandOutcome> {
     ensure!(
-        args.output.is_none() && args.png.is_none(),
-        "the bijective map of `{}` has no undecided places that --output or --png could show; add --map harmonic",
+        args.output.is_none() && args.png.is_none() && args.html.is_none(),
+        "the bijective map of `{}` has no undecided places that --output, --png or --html could show; add --map harmonic",
         args.map.display()
     );
     output.progress("looking for self-intersections");

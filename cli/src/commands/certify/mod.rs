@@ -12,6 +12,7 @@ use solidmap::certificate::{
     Certificate, CertificateCell, CertificateOptions, CertificateReport, MirroredParts, StopReason, Verdict,
     VerdictTotals, certify,
 };
+use solidmap::energy::EnergyOptions;
 use solidmap::files;
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
 use solidmap::io::{Cells, VtkFields};
@@ -23,8 +24,10 @@ use crate::args::{CertifyArgs, SectionArgs};
 use crate::drawing::{ColourBar, Colours, Figure, Panel, Scale, ValueRange, significant};
 use crate::shared::chosen_map::{ChosenMap, MapName};
 use crate::shared::input;
-use crate::shared::json::FileName;
+use crate::shared::json::{FileName, file_name};
+use crate::shared::map_page::{MapPage, measured};
 use crate::shared::output::{Output, peak_rss_bytes, two_columns, write_file};
+use crate::shared::page;
 use crate::shared::places::{percent, with_places};
 
 /// Pixels along the longer side of a section.
@@ -35,6 +38,7 @@ const SECTION_PIXELS: usize = 640;
 struct CertifySummary {
     map: FileName,
     map_kind: MapName,
+    page: Option<FileName>,
     cells: usize,
     /// Proved for the whole domain.
     locally_one_to_one: bool,
@@ -52,7 +56,11 @@ struct CertifySummary {
 /// Certifies and writes.
 pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     args.section.require_valid()?;
-    let outputs: [(Option<&PathBuf>, &[&str]); 2] = [(args.output.as_ref(), &["vtu"]), (args.png.as_ref(), &["png"])];
+    let outputs: [(Option<&PathBuf>, &[&str]); 3] = [
+        (args.output.as_ref(), &["vtu"]),
+        (args.png.as_ref(), &["png"]),
+        (args.html.as_ref(), &page::EXTENSIONS),
+    ];
     input::require_all_writable(&outputs, &[&args.map])?;
     let options = CertificateOptions {
         finest: args.finest,
@@ -102,12 +110,29 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome
         };
         write_file(path, &Figure::row(pictured.panels(&args.section, asked)?).to_png()?)?;
     }
+    if let Some(path) = &args.html {
+        output.progress("integrating");
+        let options = EnergyOptions::default();
+        let energy = measured(chosen, &boundary, &options);
+        let page = MapPage {
+            path: &args.map,
+            chosen,
+            boundary: &boundary,
+            metadata: &file.metadata,
+            energy: &energy.with_context(|| format!("cannot measure `{}`", args.map.display()))?,
+            options,
+            up: args.section.up,
+            certificate: Some(&certificate.merged(&file.map)),
+        };
+        page::write(path, &page.make(&args.page, output)?.html)?;
+    }
     let found = certificate.report;
     let report = CertifySummary {
         map: (&args.map).into(),
         map_kind: chosen.name(),
         cells: certificate.cells().len(),
         locally_one_to_one: found.stop_reason == StopReason::AllDecided && found.folded.cells == 0,
+        page: file_name(args.html.as_ref()),
         certificate: found,
         folded_places,
         undecided_places,

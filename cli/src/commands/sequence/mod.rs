@@ -7,7 +7,7 @@ mod results;
 mod series;
 mod summary;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, ensure};
@@ -25,6 +25,8 @@ use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::{fit_options, show_phase};
 use crate::shared::input;
 use crate::shared::output::{Output, with_option_names};
+use crate::shared::page;
+use crate::shared::sequence_page;
 use folder::{CELLS, MATERIAL, ResultFolder, SURFACE};
 use measure::Measurement;
 use summary::SequenceTimings;
@@ -36,6 +38,8 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
     let inputs = std::iter::once(&args.reference)
         .chain(&args.frames)
         .chain(&args.material);
+    let read: Vec<&Path> = inputs.clone().map(PathBuf::as_path).collect();
+    input::require_all_writable(&[(args.html.as_ref(), &page::EXTENSIONS)], &read)?;
     let energies = if args.no_vtu { &[][..] } else { &[CELLS, SURFACE] };
     let material = if args.material.is_some() { &[MATERIAL][..] } else { &[] };
     let results = ResultFolder::new(&args.output, inputs, &[energies, material].concat(), args.frames.len())?;
@@ -95,9 +99,34 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
     output.progress("drawing");
     measurement.write_results(&cycles)?;
     results.publish()?;
+    if let Some(path) = &args.html {
+        write_page(path, args, output)?;
+    }
     seconds.drawing += drawing.elapsed().as_secs_f64();
     seconds.total = start.elapsed().as_secs_f64();
     measurement.finish(warnings, cycles, per_block, seconds)
+}
+
+/// The page of what has just been written, which also names the files that it comes from.
+fn write_page(path: &Path, args: &SequenceArgs, output: &Output) -> anyhow::Result<()> {
+    output.progress("writing the page");
+    let mut files = vec![input::provenance("reference", &args.reference)?];
+    // What cannot be read has been skipped.
+    files.extend(
+        args.frames
+            .iter()
+            .filter_map(|frame| input::provenance("frame", frame).ok()),
+    );
+    let made = sequence_page::make(&args.output, &files, args.section.up, &args.page)?;
+    if made.shown < made.frames {
+        output.note(format_args!(
+            "`{}` has {} of {} surfaces, to keep to --max-size",
+            path.display(),
+            made.shown,
+            made.frames
+        ));
+    }
+    page::write(path, &made.html)
 }
 
 /// The tetrahedra of the reference, its own where it has any, and how maps over them are repaired.

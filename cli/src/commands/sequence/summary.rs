@@ -26,6 +26,7 @@ struct SequenceSummary {
     map_kind: MapName,
     output: FileName,
     material: Option<FileName>,
+    page: Option<FileName>,
     vertices: usize,
     faces: usize,
     closed_holes: Vec<ClosedHole>,
@@ -165,6 +166,7 @@ impl Measurement<'_> {
             tets,
             frames_per_block: per_block,
             material: file_name(self.args.material.as_ref()),
+            page: file_name(self.args.html.as_ref()),
             own_volume: self.args.own_volume,
             frames: self.rows,
             skipped,
@@ -339,6 +341,9 @@ fn summary(report: &SequenceSummary, series: Option<&Series>) -> String {
             String::new(),
             format!("material.pvd: `{}` in every frame", material.display()),
         ]);
+    }
+    if let Some(page) = &report.page {
+        rows.push([String::new(), format!("{}: the frames in a browser", page.display())]);
     }
     two_columns(rows)
 }

@@ -1,8 +1,9 @@
-//! `solidmap view`: a page to look into a map, a mesh or a boundary map.
+//! `solidmap view`: a page to look into a map, a mesh, a boundary map or a sequence.
 
 mod boundary;
 mod map;
 mod mesh;
+mod sequence;
 
 use serde::Serialize;
 use solidmap::files;
@@ -14,6 +15,7 @@ use crate::shared::input;
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns};
 use crate::shared::page;
+use crate::shared::sequence_page;
 
 /// What `view --json` prints.
 #[derive(Serialize)]
@@ -44,13 +46,21 @@ enum Shown {
         faces: usize,
         flipped: usize,
     },
+    Sequence {
+        frames: usize,
+        /// Frames that are in the page: fewer where `--max-size` asks for it.
+        shown: usize,
+        faces: usize,
+    },
 }
 
 /// Writes the page.
 pub fn run(args: &ViewArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     input::require_writable(&args.output, &page::EXTENSIONS, &[&args.file])?;
     output.progress("reading");
-    let (html, shown) = if io::is_mesh(&args.file) {
+    let (html, shown) = if sequence_page::is_sequence(&args.file) {
+        sequence::page(args, output)?
+    } else if io::is_mesh(&args.file) {
         mesh::page(args, output)?
     } else {
         // What is neither is told as what most users mean.
@@ -78,6 +88,14 @@ fn rows(report: &ViewSummary) -> Vec<[String; 2]> {
         } => ["samples", &format!("{nx} × {ny} × {nz}")],
         Shown::Mesh { cells, inverted_cells } => ["cells", &format!("{cells}, of which {inverted_cells} inverted")],
         Shown::Boundary { faces, flipped } => ["triangles", &format!("{faces}, of which {flipped} inverted")],
+        Shown::Sequence { frames, shown, faces } => {
+            let shown = if shown < frames {
+                format!(", of which {shown} are in the page")
+            } else {
+                String::new()
+            };
+            ["frames", &format!("{frames} of {faces} triangles{shown}")]
+        }
     };
     let size = page::megabytes(report.bytes as u64);
     vec![

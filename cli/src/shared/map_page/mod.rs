@@ -1,5 +1,6 @@
 //! The page of a map: domain and target side by side, cut anywhere, coloured by any of the map's densities.
 
+mod certified;
 mod fields;
 mod lattice;
 mod numbers;
@@ -9,10 +10,14 @@ use std::path::Path;
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::energy::{EnergyOptions, EnergyReport, Lame, UnitVolumeScale};
+use solidmap::certificate::Certificate;
+use solidmap::energy::{
+    AdaptiveOptions, EnergyOptions, EnergyReport, Lame, UnitVolumeScale, adaptive_energies, cell_quadrature, energies,
+};
 use solidmap::files::MapMetadata;
 use solidmap::geometry::Axis;
 use solidmap::map::HarmonicMap;
+use solidmap::mesh::CellMesh;
 
 use super::chosen_map::{ChosenMap, MapName};
 use super::input;
@@ -37,6 +42,20 @@ pub struct MapPage<'a> {
     pub options: EnergyOptions,
     /// What points up.
     pub up: UpKind,
+    /// What is proved of it.
+    pub certificate: Option<&'a Certificate>,
+}
+
+/// The energies of a map, for its page: a bijective one is integrated exactly by its own tetrahedra.
+pub fn measured(chosen: ChosenMap, boundary: &BoundaryMap, options: &EnergyOptions) -> anyhow::Result<EnergyReport> {
+    let target_volume = boundary.target_volume();
+    if let ChosenMap::Bijective(map) = chosen {
+        let quadrature = cell_quadrature(&CellMesh::from(map.domain().clone()))?;
+        return Ok(energies(map, &quadrature, quadrature.volume(), target_volume, options)?);
+    }
+    let accuracy = AdaptiveOptions::default();
+    let (_, report) = adaptive_energies(chosen.map(), boundary.domain(), target_volume, options, &accuracy)?;
+    Ok(report)
 }
 
 /// A page, and what was left out to keep it small.
@@ -135,6 +154,9 @@ impl MapPage<'_> {
             let coefficients = map.coefficients().sources.iter().flatten().copied();
             arrays.push(PackedArray::doubles("coefficients", coefficients));
         }
+        if let Some(certificate) = self.certificate {
+            arrays.extend(certified::boxes(certificate, Framing::of(domain.vertices())));
+        }
         arrays
     }
 
@@ -182,19 +204,25 @@ impl MapPage<'_> {
         arrays.extend(field_arrays);
 
         let name = self.path.file_name().unwrap_or_default().to_string_lossy();
-        let tables = [Some(numbers::energies(self.energy)), numbers::fit(self.metadata)];
+        let tables = [
+            self.certificate.map(certified::table),
+            Some(numbers::energies(self.energy)),
+            numbers::fit(self.metadata),
+        ];
+        let mut notes = notes(
+            lattice.step,
+            lattice.counts,
+            self.exact().is_some(),
+            (cells, wanted, max_size),
+        );
+        notes.extend(self.certificate.and_then(certified::note));
         let page = Page {
             title: format!(
                 "{name}: {} map",
                 if self.exact_kind() { "harmonic" } else { "bijective" }
             ),
             files: self.files()?,
-            notes: notes(
-                lattice.step,
-                lattice.counts,
-                self.exact().is_some(),
-                (cells, wanted, max_size),
-            ),
+            notes,
             tables: tables.into_iter().flatten().collect::<Vec<NumberTable>>(),
             arrays,
         };

@@ -28,7 +28,7 @@ pub const STYLE: &str = include_str!("assets/page.css");
 pub const START: &str = include_str!("assets/start.js");
 
 /// The modules; the last one is started.
-pub const MODULES: [Module; 17] = [
+pub const MODULES: [Module; 19] = [
     Module {
         name: "three/core",
         text: include_str!("three/three.core.min.js"),
@@ -88,6 +88,14 @@ pub const MODULES: [Module; 17] = [
     Module {
         name: "page/boundary",
         text: include_str!("assets/boundary.js"),
+    },
+    Module {
+        name: "page/curve",
+        text: include_str!("assets/curve.js"),
+    },
+    Module {
+        name: "page/sequence",
+        text: include_str!("assets/sequence.js"),
     },
     Module {
         name: "page/study",

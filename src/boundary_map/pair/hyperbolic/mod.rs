@@ -379,40 +379,23 @@ mod tests {
     use crate::mesh::shapes;
     use crate::progress::ProgressControl;
 
-    fn mapped(domain: &SurfaceMesh, target: &SurfaceMesh, aligned: bool) -> (BoundaryMap, PairReport) {
-        let options = PairOptions {
-            aligned,
-            ..PairOptions::default()
-        };
-        map_pair(domain, target, &options, &|_| ProgressControl::Continue).unwrap()
-    }
-
+    /// In place, so that closest points are right: a map near to an isometry, of which every vertex stays where it is, about.
     #[test]
     fn a_finer_copy_in_place_is_nearly_an_isometry() {
         for (coarse, fine) in [
             (shapes::double_torus(3), shapes::double_torus(5)),
             (plate_with_holes(3, 2), plate_with_holes(3, 4)),
         ] {
-            let (map, report) = mapped(&coarse, &fine, true);
-            println!("{:?} {:?}", report.after, report.timings);
+            let options = PairOptions {
+                aligned: true,
+                ..PairOptions::default()
+            };
+            let (map, report) = map_pair(&coarse, &fine, &options, &|_| ProgressControl::Continue).unwrap();
+            let mean = report.after.mean_symmetric_dirichlet / super::super::ISOMETRY_ENERGY;
+            assert!(mean < 1.1, "{mean}");
             let off = map.image().iter().zip(coarse.vertices()).map(|(q, p)| (q - p).norm());
             let mean = off.sum::<f64>() / coarse.vertices().len() as f64;
             assert!(mean < 0.02 * coarse.diagonal(), "{mean}");
-            let back = map.inverse().unwrap();
-            for p in back.image() {
-                assert!(p.iter().all(|c| c.is_finite()));
-            }
         }
-    }
-
-    #[test]
-    fn a_turned_and_bent_solid_is_aligned_and_mapped() {
-        let domain = shapes::double_torus(4);
-        let turned = shapes::deformed(&domain, |p| Point::new(-p.y + 0.02 * p.x * p.x, p.x, 1.2 * p.z));
-        let (map, report) = mapped(&domain, &turned, false);
-        println!("{:?} {:?}", report.after, report.timings);
-        let off = map.image().iter().zip(turned.vertices()).map(|(q, p)| (q - p).norm());
-        let mean = off.sum::<f64>() / domain.vertices().len() as f64;
-        println!("{mean} of {}", turned.diagonal());
     }
 }

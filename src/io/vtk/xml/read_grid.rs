@@ -171,6 +171,40 @@ mod tests {
     }
 
     #[test]
+    fn fields_are_read_with_their_surface() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let points = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]].map(Point::from);
+        let fields = VtkFields {
+            point: vec![Field::positions("place", &points)],
+            cell: vec![Field::scalar("density", vec![3.])],
+            ..VtkFields::default()
+        };
+        write_vtu(&path, &points, Cells::Quads(&[[0, 1, 2, 3]]), &fields).unwrap();
+        let read = crate::io::read_surface_with_fields(&path).unwrap();
+        assert_eq!(read.surface.triangles(), [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(read.point, fields.point);
+        assert_eq!(read.triangle, [Field::scalar("density", vec![3., 3.])]);
+        // A strip is one cell of several triangles.
+        let strip = "# vtk DataFile Version 3.0\na\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 1 1 0\n\
+                     CELLS 2 7\n4 0 1 2 3\n1 0\nCELL_TYPES 2\n6 1\nCELL_DATA 2\nSCALARS d double 1\nLOOKUP_TABLE default\n1 2\n";
+        let path = folder.path().join("a.vtk");
+        std::fs::write(&path, strip).unwrap();
+        let read = crate::io::read_surface_with_fields(&path).unwrap();
+        assert_eq!((read.surface.triangles().len(), read.triangle), (2, vec![]));
+        let tets = [[0, 1, 2, 3]];
+        write_vtu(
+            &path.with_extension("vtu"),
+            &points,
+            Cells::Tets(&tets),
+            &VtkFields::default(),
+        )
+        .unwrap();
+        let refused = crate::io::read_surface_with_fields(path.with_extension("vtu"));
+        assert!(matches!(refused, Err(IoError::WrongKind { .. })));
+    }
+
+    #[test]
     fn names_of_fields_are_escaped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vtu");

@@ -5,9 +5,10 @@ import { about } from 'page/elements';
 import { showBoundary } from 'page/boundary';
 import { showMap } from 'page/map';
 import { showMesh } from 'page/mesh';
+import { showSequence } from 'page/sequence';
 import { showStudy } from 'page/study';
 
-const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh, study: showStudy };
+const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh, sequence: showSequence, study: showStudy };
 /** What is shown without WebGL. */
 const FLAT = ['study'];
 

@@ -1,7 +1,7 @@
 // The page of a map: domain and target side by side, a cut through both, and what the map does at the point under the pointer.
 
 import {
-  BufferAttribute, BufferGeometry, DataTexture, DoubleSide, LineSegments, LinearFilter, Mesh, RedFormat, ShaderMaterial,
+  BoxGeometry, BufferAttribute, BufferGeometry, DataTexture, DoubleSide, InstancedMesh, LineSegments, LinearFilter, Matrix4, Mesh, RedFormat, ShaderMaterial,
   SphereGeometry, MeshBasicMaterial, UnsignedByteType, Vector3,
 } from 'three';
 import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
@@ -85,6 +85,16 @@ class MapPage {
       }
       return { surface, cut, outline, marker, uniforms };
     });
+    const { wrong } = data.palettes;
+    this.boxes = arrays.folded && {
+      folded: boxes(arrays.folded, wrong.map((part) => part / 255), 0.45),
+      undecided: boxes(arrays.undecided, [0.5, 0.5, 0.5], 0.12),
+    };
+    if (this.boxes) {
+      // They lie around the folded ones, and would hide them.
+      this.boxes.undecided.visible = false;
+      this.stage.views[0].scene.add(this.boxes.folded, this.boxes.undecided);
+    }
   }
 
   #controls() {
@@ -131,6 +141,11 @@ class MapPage {
       group('Boundary', choice('pattern', CHECKERS, state.boundary, (boundary) => changed({ boundary })).element),
       group('Target', morph.element,
         remark('Points move to their images along straight lines, with both solids scaled to one size.')),
+      ...(this.boxes ? [group('Certificate', ...Object.entries(this.boxes).map(([name, mesh]) => (
+        tick(`${name} boxes`, mesh.visible, (visible) => {
+          mesh.visible = visible;
+          this.stage.draw();
+        }).element)), remark('Of the domain: magenta where the map is proved to be folded, grey where nothing is proved.'))] : []),
       group('A point of the domain', triple('point', AXES, (point) => this.#probe(point))),
       element('div', { class: 'row' },
         button('Save picture', () => this.stage.save('solidmap.png')),
@@ -288,6 +303,20 @@ function replace(geometry, attributes) {
       geometry.setAttribute(name, new BufferAttribute(values, size));
     }
   }
+}
+
+/** Boxes with their centres and sides, seen through what is before them. */
+function boxes(placed, colour, opacity) {
+  const material = new MeshBasicMaterial({ transparent: true, opacity, depthTest: false });
+  material.color.setRGB(...colour);
+  const made = new InstancedMesh(new BoxGeometry(), material, placed.length / 4);
+  const matrix = new Matrix4();
+  for (let n = 0; n < placed.length / 4; n++) {
+    const [x, y, z, side] = placed.subarray(4 * n, 4 * n + 4);
+    made.setMatrixAt(n, matrix.makeScale(side, side, side).setPosition(x, y, z));
+  }
+  made.frustumCulled = false;
+  return made;
 }
 
 /** The box of a solid in model units. */
