@@ -11,7 +11,6 @@ use super::polygon::SurfaceGroup;
 use super::word::{Letter, Word};
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
-use crate::toroidal::DeckGroup;
 
 /// A surface group, and for the corners of each triangle the word that takes the vertex's place to that in the triangle's copy of
 /// the polygon.
@@ -189,9 +188,9 @@ fn corner_words(crossings: &Crossings, group: &SurfaceGroup, corner_of: &[Option
                 .position(|&w| w == v)
                 .expect("its own triangle");
             corners[side.0][k] = word.clone();
-            word = group
-                .relator
-                .product(&crossings.words[side.0][side.1].inverted(), &word);
+            // Crossings of the tree are not shortened yet.
+            let crossed = crossings.words[side.0][side.1].inverted();
+            word = group.relator.shortened(crossed.times(&word));
         }
     }
     corners
@@ -202,6 +201,7 @@ mod tests {
     use super::super::testing::plate_with_holes;
     use super::*;
     use crate::mesh::shapes;
+    use crate::toroidal::DeckGroup;
 
     #[test]
     fn crossings_around_every_vertex_and_triangle_close() {

@@ -173,7 +173,7 @@ impl HyperbolicEmbedding {
             let back = words[0].inverted();
             [0, 1, 2].map(|k| match k {
                 0 => Word::default(),
-                _ => group.relator.product(&back, &words[k]),
+                _ => group.relator.shortened(back.times(&words[k])),
             })
         };
         let embedding = Self {

@@ -57,7 +57,7 @@ impl Relator {
     /// `None` unless the letters are those of generators `1..=2g` and their inverses, `g ≥ 2`, each once.
     pub fn new(letters: &[Letter]) -> Option<Self> {
         let generators = letters.len() / 2;
-        let is_complete = letters.len() >= 8 && letters.len() % 4 == 0 && generators < Letter::MAX as usize;
+        let is_complete = letters.len() >= 8 && letters.len().is_multiple_of(4) && generators < Letter::MAX as usize;
         let mut sorted = letters.to_vec();
         sorted.sort_unstable();
         let all = (-(generators as i64)..=generators as i64).filter(|&letter| letter != 0);
@@ -125,6 +125,7 @@ impl Relator {
     }
 }
 
+/// Elements are shortened words.
 impl DeckGroup for std::sync::Arc<Relator> {
     type Element = Word;
 

@@ -41,6 +41,9 @@ impl DeckGroup for Translations {
 /// The neighbours of a vertex, counter-clockwise, with the transformation of each.
 type LiftedRing<T> = SmallVec<[(u32, T); 10]>;
 
+/// At a vertex, a neighbour with its transformation, and the next neighbour.
+type Links<T> = SmallVec<[(u32, T, u32); 8]>;
+
 /// The lifted ring of each vertex of a simplified mesh.
 #[derive(Debug, Clone)]
 pub(crate) struct LiftedRings<G: DeckGroup> {
@@ -70,7 +73,7 @@ impl<G: DeckGroup> LiftedRings<G> {
     /// The rings of a closed oriented surface whose triangles, on the cover, have their corners moved by `corners`.
     pub fn new(group: G, vertices: usize, triangles: &[[u32; 3]], corners: &[[G::Element; 3]]) -> Self {
         // At every vertex, pairs of a neighbour, with its transformation, and the next one counter-clockwise.
-        let mut links: Vec<SmallVec<[(u32, G::Element, u32); 8]>> = vec![SmallVec::new(); vertices];
+        let mut links: Vec<Links<G::Element>> = vec![Links::new(); vertices];
         for (t, corners) in triangles.iter().zip(corners) {
             for k in 0..3 {
                 let [own, next, last] = [0, 1, 2].map(|step| (k + step) % 3);
@@ -78,7 +81,7 @@ impl<G: DeckGroup> LiftedRings<G> {
                 links[t[own] as usize].push((t[next], to_next, t[last]));
             }
         }
-        let in_turn = |mut links: SmallVec<[(u32, G::Element, u32); 8]>| {
+        let in_turn = |mut links: Links<G::Element>| {
             links.sort_unstable();
             let mut ring = LiftedRing::with_capacity(links.len());
             let mut place = 0;

@@ -38,9 +38,14 @@ const MOST_COMPARED_AGAIN: usize = 3;
 /// The most energy of a triangle, over that of an isometry, when maps are compared.
 const MOST_COMPARED: f64 = 25.0;
 const COMPARED_CUTS: usize = 3;
-/// Sweeps of the coarsest layout when classes are compared first, and again; rounds at the end, at most, the sweeps of each, and the relative decrease of the energy below which one is the last.
+/// Sweeps of the coarsest layout when classes are compared first.
 const FIRST_SWEEPS: usize = 15;
-const BASE_SWEEPS: usize = 20;
+/// Rounds of sweeps of the coarsest layout when they are compared again, at most, and the sweeps of each; rounds end when the energy falls
+/// by less than this share. Many handles take many: springs place them far from where they belong.
+const BASE_ROUNDS: usize = 10;
+const BASE_SWEEPS: usize = 10;
+const LEAST_BASE_DECREASE: f64 = 0.01;
+/// Rounds at the end, at most, the sweeps of each, and the relative decrease of the energy below which one is the last.
 const LAST_ROUNDS: usize = 6;
 const SWEEPS_PER_ROUND: usize = 5;
 const LEAST_DECREASE: f64 = 3e-3;
@@ -291,7 +296,15 @@ impl PairMapping<'_> {
                 sweeps: BASE_SWEEPS,
                 ..effort(0)
             };
-            search.optimise(layout, &base);
+            let mut energy = candidate.energy;
+            for _ in 0..BASE_ROUNDS {
+                search.optimise(layout, &base);
+                let lowered = search.energy(layout);
+                if lowered > (1.0 - LEAST_BASE_DECREASE) * energy {
+                    break;
+                }
+                energy = lowered;
+            }
             let refined = layout.refine(search.domain.hierarchy(), COMPARED_VERTICES * genus, |layout| {
                 search.optimise(layout, &effort(layout.inserted.len()));
             });
@@ -374,7 +387,6 @@ fn distance(a: &Candidate, b: &Candidate, target: &HyperbolicTarget) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::{PairOptions, map_pair};
-    use super::*;
     use crate::hyperbolic::testing::plate_with_holes;
     use crate::mesh::shapes;
     use crate::progress::ProgressControl;

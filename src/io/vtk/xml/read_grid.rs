@@ -194,7 +194,7 @@ mod tests {
         assert_eq!((read.surface.triangles().len(), read.triangle), (2, vec![]));
         let tets = [[0, 1, 2, 3]];
         write_vtu(
-            &path.with_extension("vtu"),
+            path.with_extension("vtu"),
             &points,
             Cells::Tets(&tets),
             &VtkFields::default(),
