@@ -162,6 +162,12 @@ fn place() -> Workplace {
     place.surface("ball.ply", &ball);
     let ring = shapes::torus(1.0, 0.4, 16, 8);
     place.surface("ring.ply", &ring);
+    let rings = shapes::double_torus(1);
+    place.surface("rings.ply", &rings);
+    place.surface(
+        "rings2.ply",
+        &shapes::deformed(&rings, |p| Point::new(1.1 * p.x, p.y + 0.02 * p.x * p.x, p.z)),
+    );
     place.surface(
         "oval.ply",
         &shapes::deformed(&ring, |p| Point::new(1.2 * p.x + 0.1 * p.y * p.y, p.y, p.z)),
@@ -236,6 +242,7 @@ fn every_field_of_a_report_is_documented_and_written() {
             "boundary pair",
             "boundary pair ring.ply oval.ply -o t.ply --boundary t.safetensors",
         ),
+        ("boundary pair", "boundary pair rings.ply rings2.ply -o h.ply"),
         ("boundary check", "boundary check t.safetensors"),
         ("boundary check", "boundary check ball.ply bent.ply"),
         ("boundary check", "boundary check ball.ply folded.ply --target ball.ply"),

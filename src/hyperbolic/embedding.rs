@@ -88,6 +88,9 @@ pub enum HyperbolicError {
 /// Most handles: letters of side pairings are bytes.
 const MOST_HANDLES: u64 = 60;
 
+/// Most letters of a word that is given: shortening takes the square of their number. Layouts have some ten.
+const MOST_LETTERS: usize = 1000;
+
 /// # Errors
 ///
 /// [`HyperbolicError::Genus`], [`HyperbolicError::Surface`].
@@ -141,7 +144,8 @@ impl HyperbolicEmbedding {
         }
         let generators = 2 * genus as i64;
         let is_letter = |&letter: &Letter| letter != 0 && i64::from(letter).abs() <= generators;
-        if !corners.iter().flatten().flatten().all(is_letter) {
+        let is_word = |word: &Vec<Letter>| word.len() <= MOST_LETTERS && word.iter().all(is_letter);
+        if !corners.iter().flatten().all(is_word) {
             return Err(HyperbolicError::Letters);
         }
         let places: Vec<Vector> = positions.iter().map(|&x| lifted(x)).collect();

@@ -17,8 +17,8 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::toroidal::{DeckGroup, LiftedRings};
 use crate::{Point, Vector};
 
-/// Paths are not sought beyond so many triangles.
-const MOST_TRIANGLES: usize = 20_000;
+/// Paths are not sought beyond this many times the length of the edge: what is beyond has jumped.
+const MOST_STRETCH: f64 = 12.0;
 
 /// Paths over the triangles of a target.
 pub(super) struct TargetPaths<'a> {
@@ -59,12 +59,17 @@ impl<'a> TargetPaths<'a> {
         let group = self.embedding.group();
         let topology = Topology::new(domain);
         let edges = topology.edges();
-        let paths = self.paths(domain, edges, targets);
+        // Lengths of the domain as if its area was that of the target.
+        let scale = (self.embedding.surface().area() / domain.area()).sqrt();
+        let length = |[a, b]: [u32; 2]| {
+            let [a, b] = [a, b].map(|v| domain.vertices()[v as usize]);
+            scale * (b - a).norm() + self.spacing
+        };
+        let paths = self.paths(domain, edges, targets, &length);
         let mut order: Vec<(f64, u32)> = Vec::new();
         for (e, path) in paths.iter().enumerate() {
             if let Some(path) = path {
-                let [a, b] = edges[e].map(|v| domain.vertices()[v as usize]);
-                order.push((path.length / ((b - a).norm() + self.spacing), e as u32));
+                order.push((path.length / length(edges[e]), e as u32));
             }
         }
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -132,6 +137,7 @@ impl<'a> TargetPaths<'a> {
         domain: &SurfaceMesh,
         edges: &[[u32; 2]],
         targets: &[Option<SurfacePoint>],
+        length: &(impl Fn([u32; 2]) -> f64 + Sync),
     ) -> Vec<Option<EdgePath>> {
         let mut first = vec![0; domain.vertices().len() + 1];
         // Edges are sorted by their lower vertex.
@@ -147,14 +153,15 @@ impl<'a> TargetPaths<'a> {
                 return own.iter().map(|_| None).collect();
             };
             let ends: Vec<Option<SurfacePoint>> = own.iter().map(|&[_, b]| targets[b as usize]).collect();
-            self.paths_from(&from, &ends)
+            let longest = own.iter().map(|&edge| length(edge)).fold(0.0, f64::max);
+            self.paths_from(&from, &ends, MOST_STRETCH * longest)
         };
         let all: Vec<Vec<Option<EdgePath>>> = (0..domain.vertices().len()).into_par_iter().map(of_vertex).collect();
         all.into_iter().flatten().collect()
     }
 
-    /// Shortest paths over middles of triangles (Dijkstra).
-    fn paths_from(&self, from: &SurfacePoint, ends: &[Option<SurfacePoint>]) -> Vec<Option<EdgePath>> {
+    /// Shortest paths over middles of triangles (Dijkstra), up to a length.
+    fn paths_from(&self, from: &SurfacePoint, ends: &[Option<SurfacePoint>], most: f64) -> Vec<Option<EdgePath>> {
         let surface = self.embedding.surface();
         let position = |point: &SurfacePoint| point.position(surface, surface.vertices());
         let begin = position(from);
@@ -170,7 +177,7 @@ impl<'a> TargetPaths<'a> {
                 continue;
             }
             open.retain(|&other| other != t);
-            if open.is_empty() || settled.len() > MOST_TRIANGLES {
+            if open.is_empty() || distance > most {
                 break;
             }
             let here = if t == from.triangle {
