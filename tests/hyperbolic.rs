@@ -55,11 +55,10 @@ fn plate(holes: i32, divisions: usize) -> SurfaceMesh {
     shapes::polycube(&cells.filter(is_filled).collect::<Vec<_>>(), divisions)
 }
 
-/// A plate with two holes of which one is larger, so that no turn takes it to itself.
+/// A plate with two holes that is larger at one end and at one side, so that no turn takes it to itself, nor nearly.
 fn uneven(divisions: usize) -> SurfaceMesh {
     shapes::deformed(&plate(2, divisions), |p| {
-        let x = p.x + 0.08 * p.x * p.x;
-        Point::new(x, p.y + 0.04 * (x * 1.3).sin(), p.z * (1.0 + 0.1 * x))
+        Point::new(p.x + 0.08 * p.x * p.x, p.y + 0.15 * p.y * p.y, p.z * (1.0 + 0.1 * p.x))
     })
 }
 
