@@ -233,7 +233,7 @@ impl System {
         };
         let residuals = residual_norms(&right_hand_sides.minus(&values));
         let is_met = residuals.iter().all(|residual| residual.rms <= tolerance);
-        Ok(is_met.then(|| SystemSolution {
+        Ok(is_met.then_some(SystemSolution {
             coefficients,
             modes: None,
             is_distant: true,
