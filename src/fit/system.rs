@@ -14,7 +14,6 @@ use super::refinement::FinerLevel;
 use super::unit_frame::UnitFrame;
 use super::{FitError, FitOptions, FitSize};
 use crate::Point;
-use crate::error_kind::{Classified, ErrorKind};
 use crate::kernel::Sums;
 use crate::map::HarmonicMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
@@ -418,8 +417,10 @@ impl Evaluator {
 /// What could be made; `None` where it failed, but not where the work was cancelled or needs too much memory.
 fn unless_failed<T>(made: Result<T, FitError>) -> Result<Option<T>, FitError> {
     match made {
-        Err(error) if !matches!(error.error_kind(), ErrorKind::Cancelled | ErrorKind::Memory) => Ok(None),
-        made => made.map(Some),
+        Err(error @ (FitError::Cancelled | FitError::TooLarge { .. } | FitError::Solve(SolveError::Cancelled))) => {
+            Err(error)
+        }
+        made => Ok(made.ok()),
     }
 }
 
