@@ -42,7 +42,7 @@ const COMPARED_CUTS: usize = 3;
 const FIRST_SWEEPS: usize = 15;
 /// Rounds of sweeps of the coarsest layout when they are compared again, at most, and the sweeps of each; rounds end when the energy falls
 /// by less than this share. Many handles take many: springs place them far from where they belong.
-const BASE_ROUNDS: usize = 10;
+const BASE_ROUNDS: usize = 5;
 const BASE_SWEEPS: usize = 10;
 const LEAST_BASE_DECREASE: f64 = 0.01;
 /// Rounds at the end, at most, the sweeps of each, and the relative decrease of the energy below which one is the last.
