@@ -244,7 +244,10 @@ fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
         ),
         (
             "pair plate.obj plate.obj --via conformal",
-            vec!["cannot map `plate.obj` to `plate.obj`", "cannot be used with solids of genus 2"],
+            vec![
+                "cannot map `plate.obj` to `plate.obj`",
+                "cannot be used with solids of genus 2",
+            ],
         ),
         (
             "pair ring.obj open.obj",
