@@ -129,7 +129,8 @@ impl HyperbolicLocator {
         // Each step crosses a side; far more than any walk takes.
         let most = 1000 + 20 * (self.triangles.len() as f64).sqrt() as usize;
         let mut best: Option<(f64, Located)> = None;
-        for step in 0.. {
+        let mut steps = 0;
+        loop {
             let own = &self.triangles[t as usize];
             // Quickly, and where that does not tell for sure precisely.
             let mut weights = own.by_corner.map(|side| side.dot(&x));
@@ -157,7 +158,7 @@ impl HyperbolicLocator {
             let drawn = (random >> 33) as usize % count.max(1);
             let side = (0..3).filter(|&side| is_beyond[side]).nth(drawn).unwrap_or(0);
             let is_between = own.across[side] == last && count == 1 && least > -GAP;
-            if is_between || step > most {
+            if is_between || steps > most {
                 return best.map_or_else(here, |(_, found)| found);
             }
             if let Some(m) = &own.to_frame[side] {
@@ -165,8 +166,8 @@ impl HyperbolicLocator {
                 to_frame = **m * to_frame;
             }
             (last, t) = (t, own.across[side]);
+            steps += 1;
         }
-        unreachable!("the loop returns")
     }
 }
 

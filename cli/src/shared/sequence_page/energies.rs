@@ -57,7 +57,7 @@ pub struct EnergyRow {
     pub time: f64,
     /// Name of the file that the frame was read from, without its folder.
     pub file: String,
-    /// Of [`QUANTITIES`], in order; NaN where the frame was skipped.
+    /// One value for each of [`QUANTITIES`], in their order; NaN where the frame was skipped.
     #[serde(skip)]
     pub values: Vec<f64>,
     /// Why it was skipped; empty where it was not.

@@ -298,6 +298,9 @@ impl PairMapping<'_> {
             };
             let mut energy = candidate.energy;
             for _ in 0..BASE_ROUNDS {
+                if !self.reporter.should_improve() {
+                    break;
+                }
                 search.optimise(layout, &base);
                 let lowered = search.energy(layout);
                 if lowered > (1.0 - LEAST_BASE_DECREASE) * energy {
@@ -306,7 +309,9 @@ impl PairMapping<'_> {
                 energy = lowered;
             }
             let refined = layout.refine(search.domain.hierarchy(), COMPARED_VERTICES * genus, |layout| {
-                search.optimise(layout, &effort(layout.inserted.len()));
+                if self.reporter.should_improve() {
+                    search.optimise(layout, &effort(layout.inserted.len()));
+                }
             });
             candidate.energy = match refined {
                 Ok(()) => search.energy(layout),
