@@ -322,10 +322,6 @@ TEST_CASE("what has no polycube or hexahedra is an error with a category, and wo
   // Two tetrahedra with an edge in common, and no more.
   const std::vector<Point> pinched = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-1, 0, 0}, {0, -1, 0}};
   refused(CellMesh(pinched, std::vector<Tet>{{0, 1, 2, 3}, {0, 4, 5, 3}}));
-  // Voxels are for solids of one handle at most.
-  Cubes two_rings = a_ring;
-  two_rings.insert(two_rings.end(), {{3, 0, 0}, {4, 0, 0}, {4, 1, 0}, {3, 2, 0}, {4, 2, 0}});
-  CHECK(thrown_by([&] { make_hexmesh(boxes(two_rings, 2), voxels); }) == "invalid_input");
 
   const auto throws = [](const Progress&) -> bool { throw std::out_of_range("mine"); };
   CHECK_THROWS_WITH_AS(make_polycube(model, {}, throws), "mine", std::out_of_range);
@@ -437,4 +433,22 @@ TEST_CASE("a step of any kind cancels the making of hexahedra, and voxels make t
   const auto [least, sum] = volumes(made.mesh, made.mesh.hexes());
   CHECK(least > 0);
   CHECK(sum == doctest::Approx(3.0).epsilon(0.05));
+}
+
+TEST_CASE("two rings joined have hexahedra by voxels, with both holes") {
+  Cubes two_rings = a_ring;
+  two_rings.insert(two_rings.end(), {{3, 0, 0}, {4, 0, 0}, {4, 1, 0}, {3, 2, 0}, {4, 2, 0}});
+  HexmeshOptions options;
+  options.polycube_kind = PolycubeKind::voxels;
+  options.along = 10;
+  const Hexmesh made = make_hexmesh(boxes(two_rings, 2), options);
+  REQUIRE(made.voxels.has_value());
+  CHECK(made.valid());
+  const auto surface = made.mesh.boundary().surface;
+  const auto vertices = static_cast<long>(surface.vertices().size());
+  const auto triangles = static_cast<long>(surface.triangles().size());
+  CHECK(vertices - triangles / 2 == 2 - 2 * 2);
+  const auto [least, sum] = volumes(made.mesh, made.mesh.hexes());
+  CHECK(least > 0);
+  CHECK(sum == doctest::Approx(13.0).epsilon(0.05));
 }
