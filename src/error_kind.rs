@@ -22,6 +22,7 @@ use crate::fit::FitError;
 use crate::geometry::{QueryError, SectionError};
 use crate::hexmesh::HexmeshError;
 use crate::hyperbolic::HyperbolicError;
+use crate::improve::ImproveError;
 use crate::inverse::InverseError;
 #[cfg(feature = "io")]
 use crate::io::IoError;
@@ -352,6 +353,15 @@ classified! {
         // The deformed polycube is what is tried first.
         Self::Neither { deformed, .. } => deformed.error_kind(),
         Self::MaxDistance(_) | Self::NoVolume => ErrorKind::InvalidInput,
+    }
+    ImproveError {
+        Self::Fit(error) => error.error_kind(),
+        Self::Energy(error) => error.error_kind(),
+        Self::Sphere(error) => error.error_kind(),
+        Self::Torus(error) => error.error_kind(),
+        Self::Hyperbolic(error) => error.error_kind(),
+        Self::BoundaryMap(error) => error.error_kind(),
+        Self::NoEmbedding | Self::Option { .. } | Self::NoArea { .. } => ErrorKind::InvalidInput,
     }
     SequenceError {
         Self::Quadrature(error) => error.error_kind(),

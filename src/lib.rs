@@ -59,6 +59,7 @@ pub mod fit;
 pub mod geometry;
 pub mod hexmesh;
 pub mod hyperbolic;
+pub mod improve;
 pub mod intrinsic;
 pub mod inverse;
 #[cfg(feature = "io")]

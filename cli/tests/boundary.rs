@@ -343,6 +343,61 @@ fn what_does_not_go_to_the_sphere_ends_with_2_and_is_named() {
 }
 
 #[test]
+fn a_boundary_map_is_improved_and_what_cannot_be_is_refused() {
+    let place = with_two_solids();
+    place.ends_with(
+        0,
+        "boundary pair domain.obj target.obj -o image.obj --boundary way.safetensors --no-improve",
+    );
+    let line = "boundary improve way.safetensors -o better.obj --boundary better.safetensors --json";
+    let report = place.report(0, line);
+    let energies: Vec<f64> = report["energies"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|e| e.as_f64().unwrap())
+        .collect();
+    assert!(
+        energies.len() > 1 && energies.windows(2).all(|pair| pair[1] < pair[0]),
+        "{energies:?}"
+    );
+    let distortions = [0, 1].map(|k| report["distortions"][k].as_f64().unwrap());
+    assert!(distortions[1] <= 1.5 * distortions[0]);
+    let checked = json(&place.ends_with(0, "boundary check better.safetensors --json"));
+    assert_eq!(checked["verdict"], "bijective");
+    let file = files::read_boundary(&place.path("better.safetensors")).unwrap();
+    assert_eq!(file.metadata.inputs[0].role, "start");
+    // Measured over the inside by other means, with other sources.
+    let energy = |name: &str| {
+        place.ends_with(0, &format!("fit --boundary {name}.safetensors -o {name}.map"));
+        let report = json(&place.ends_with(0, &format!("energy {name}.map --json")));
+        report["harmonic_energy"].as_f64().unwrap()
+    };
+    for (name, found) in [("way", energies[0]), ("better", energies[energies.len() - 1])] {
+        let expected = energy(name);
+        assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found} {expected}");
+    }
+    let words = text(
+        &place
+            .ends_with(0, "boundary improve way.safetensors -o one.obj --rounds 1")
+            .stdout,
+    );
+    assert!(
+        words.contains("harmonic energy") && words.contains("--rounds"),
+        "{words}"
+    );
+    for (line, fragment) in [
+        ("way.safetensors -o way.safetensors", "would be overwritten"),
+        ("way.safetensors -o i.obj --max-distortion 0.9", "1 or more"),
+        ("domain.obj -o i.obj", "domain.obj"),
+    ] {
+        let output = place.ends_with(2, &format!("boundary improve {line}"));
+        let words = text(&output.stderr);
+        assert!(words.contains(fragment), "{fragment}: {words}");
+    }
+}
+
+#[test]
 fn a_plate_with_a_hole_is_mapped_to_a_ring_and_its_cells_are_carried_there() {
     let place = Workplace::new();
     let cubes: Vec<[i32; 3]> = (0..9).filter(|k| *k != 4).map(|k| [k % 3, k / 3, 0]).collect();

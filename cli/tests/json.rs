@@ -244,6 +244,11 @@ fn every_field_of_a_report_is_documented_and_written() {
         ),
         ("boundary pair", "boundary pair rings.ply rings2.ply -o h.ply"),
         ("boundary check", "boundary check t.safetensors"),
+        (
+            "boundary improve",
+            "boundary improve t.safetensors -o i.ply --boundary i.safetensors --png i.png --vtu i.vtu --html i.html --rounds 2 \
+             --tolerance 1e-9",
+        ),
         ("boundary check", "boundary check ball.ply bent.ply"),
         ("boundary check", "boundary check ball.ply folded.ply --target ball.ply"),
         ("boundary check", "boundary check p.safetensors"),

@@ -106,6 +106,24 @@ pub(super) mod ffi {
         warnings: Vec<String>,
     }
 
+    struct ImproveOptions {
+        max_distortion: f64,
+        rounds: usize,
+        tolerance: f64,
+    }
+
+    struct ImproveReport {
+        energies: Vec<f64>,
+        rounds: usize,
+        /// 0 distortion, 1 converged, 2 rounds.
+        end: u8,
+        distortion_before: f64,
+        distortion_after: f64,
+        boundary_error_before: f64,
+        boundary_error_after: f64,
+        warnings: Vec<String>,
+    }
+
     struct FitOptions {
         /// 0 adaptive, 1 offset, 2 sphere.
         placement: u8,
@@ -480,6 +498,12 @@ pub(super) mod ffi {
         fn target_diagonal(self: &Boundary) -> Result<f64>;
         fn evaluate(self: &Boundary, triangles: &[u32], barycentric: &[f64], images: &mut [f64]) -> Result<()>;
         fn inverse(self: &Boundary) -> Result<Box<Boundary>>;
+        fn improved(
+            self: &Boundary,
+            options: &ImproveOptions,
+            watcher: &Watcher,
+            report: &mut ImproveReport,
+        ) -> Result<Box<Boundary>>;
 
         type Boundaries;
         fn no_boundaries() -> Box<Boundaries>;

@@ -12,6 +12,7 @@ use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, LocalError, Phase, Placement};
+use solidmap::improve::{ImproveEnd, ImproveOptions, ImprovePhase, improve_boundary};
 use solidmap::inverse::{InverseMap, InverseOptions, Preimage};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
@@ -222,6 +223,47 @@ impl Boundary {
                 ErrorKind::Unsupported,
                 "only a boundary map composed of two spherical embeddings (BoundaryMap::pair) has an inverse",
             )),
+        })
+    }
+}
+
+impl Boundary {
+    pub fn improved(
+        &self,
+        options: &ffi::ImproveOptions,
+        watcher: &Watcher,
+        report: &mut ffi::ImproveReport,
+    ) -> Result<Box<Self>, Error> {
+        guarded(|| {
+            let mut how = ImproveOptions {
+                most_distortion: options.max_distortion,
+                most_rounds: options.rounds,
+                ..ImproveOptions::default()
+            };
+            how.fit.tolerance = options.tolerance;
+            let progress = |phase| match phase {
+                ImprovePhase::Fitting(phase) => on_phase(watcher, phase),
+                ImprovePhase::Moving {
+                    rounds, most_rounds, ..
+                } => ask(watcher, "lowering the energy", share(rounds, most_rounds), ""),
+            };
+            let (improved, found) = improve_boundary(&self.0, &how, &progress)?;
+            *report = ffi::ImproveReport {
+                energies: found.energies,
+                rounds: found.rounds,
+                end: match found.end {
+                    ImproveEnd::Distortion => 0,
+                    ImproveEnd::Converged => 1,
+                    // Callbacks of C++ continue or cancel.
+                    ImproveEnd::Rounds | ImproveEnd::Concluded => 2,
+                },
+                distortion_before: found.distortions[0],
+                distortion_after: found.distortions[1],
+                boundary_error_before: found.boundary_errors[0],
+                boundary_error_after: found.boundary_errors[1],
+                warnings: found.warnings,
+            };
+            boxed_boundary(improved)
         })
     }
 }

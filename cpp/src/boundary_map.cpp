@@ -46,6 +46,26 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
   return map;
 }
 
+BoundaryMap BoundaryMap::improved(const ImproveOptions& options, const ProgressCallback& progress,
+                                  ImproveReport* report) const {
+  ffi::ImproveReport found = {};
+  BoundaryMap map = watched(progress, [&](const Watcher& watcher) {
+    const ffi::ImproveOptions how = {options.max_distortion, options.rounds, options.tolerance};
+    return make_boundary(Access::of(*this).improved(how, watcher, found));
+  });
+  if (report != nullptr) {
+    report->energies.assign(found.energies.begin(), found.energies.end());
+    report->rounds = found.rounds;
+    report->end = static_cast<ImproveReport::End>(found.end);
+    report->distortion_before = found.distortion_before;
+    report->distortion_after = found.distortion_after;
+    report->boundary_error_before = found.boundary_error_before;
+    report->boundary_error_after = found.boundary_error_after;
+    report->warnings = copied(found.warnings);
+  }
+  return map;
+}
+
 BoundaryMap BoundaryMap::load(const std::filesystem::path& path) {
   return guarded([&] { return make_boundary(ffi::boundary_load(PathBytes(path))); });
 }

@@ -293,6 +293,28 @@ class SphereReport(Report):
         ]
 
 
+class ImproveReport(Report):
+    """How a boundary map was improved."""
+
+    energies: List[float]
+    rounds: int
+    end: str
+    before: Dict[str, Any]
+    after: Dict[str, Any]
+    distortions: List[float]
+    boundary_errors: List[float]
+    warnings: List[str]
+
+    def _rows(self) -> Rows:
+        first, last = self.energies[0], self.energies[-1]
+        before, after = self.distortions
+        return [
+            ("harmonic energy", f"{first:.5g} before, {last:.5g} after ({100 * (last / first - 1):.2g} %)"),
+            ("surface", f"symmetric Dirichlet energy at 99.9 % of the area {before:.3g} before, {after:.3g} after"),
+            ("rounds", f"{self.rounds}, {len(self.energies) - 1} of which lowered the energy"),
+        ]
+
+
 class PairReport(Report):
     """How the boundary map of a pair was made."""
 

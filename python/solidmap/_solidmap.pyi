@@ -177,6 +177,14 @@ def boundary_pair(
     progress: _Progress = None,
     time_limit: Optional[float] = None,
 ) -> Tuple[Boundary, str, bool, List[Boundary]]: ...
+def boundary_improve(
+    boundary: Boundary,
+    max_distortion: float,
+    rounds: int,
+    tolerance: float,
+    progress: _Progress = None,
+    time_limit: Optional[float] = None,
+) -> Tuple[Boundary, str]: ...
 def fit(
     boundary: Boundary,
     arguments: _Options,

@@ -17,13 +17,13 @@ from ._errors import InvalidInputError
 from ._inputs import PathLike, SurfaceLike
 from ._meshes import Surface
 from ._progress import Progress, shown
-from ._reports import BoundaryCheck, PairReport, SphereReport
+from ._reports import BoundaryCheck, ImproveReport, PairReport, SphereReport
 from ._text import Rows, significant, table, two_columns
 
 if TYPE_CHECKING:
     from ._options import Up, Via
 
-__all__ = ["BoundaryMap", "check", "pair", "sphere"]
+__all__ = ["BoundaryMap", "check", "improve", "pair", "sphere"]
 
 #: Files by their roles.
 Roles = List[Tuple[str, str]]
@@ -49,8 +49,8 @@ class BoundaryMap:
     2.0
     """
 
-    #: How the map was made, where :func:`sphere` or :func:`pair` made it.
-    report: Union[SphereReport, PairReport, None]
+    #: How the map was made, where :func:`sphere`, :func:`pair` or :func:`improve` made it.
+    report: Union[SphereReport, PairReport, ImproveReport, None]
     #: Other maps that :func:`pair` found.
     alternatives: List[BoundaryMap]
 
@@ -64,7 +64,7 @@ class BoundaryMap:
         self.report, self.alternatives = None, []
 
     @classmethod
-    def _of(cls, boundary: native.Boundary, report: Union[SphereReport, PairReport, None] = None) -> BoundaryMap:
+    def _of(cls, boundary: native.Boundary, report: Union[SphereReport, PairReport, ImproveReport, None] = None) -> BoundaryMap:
         made = cls.__new__(cls)
         made._boundary, made.report, made.alternatives = boundary, report, []
         return made
@@ -417,6 +417,59 @@ def _pair(
     found = BoundaryMap._of(made, PairReport(data))
     found.alternatives = [BoundaryMap._of(other) for other in others]
     return found
+
+
+def improve(
+    boundary: BoundaryMap,
+    *,
+    max_distortion: float = 1.5,
+    rounds: int = 40,
+    tolerance: float = 2e-3,
+    progress: Progress = None,
+    time_limit: Optional[float] = None,
+) -> BoundaryMap:
+    """Move the images on the target so that the harmonic energy of the inside falls, one to one all the way.
+
+    Parameters
+    ----------
+    boundary : BoundaryMap
+        As :func:`pair` or :func:`sphere` makes it: maps given by images of vertices cannot slide.
+    max_distortion : float
+        How much the distortion of the surface may grow: its symmetric Dirichlet energy, in the mean and at 99.9 % of the
+        area, over those of ``boundary``. At least 1.
+    rounds : int
+        Rounds at most; each fits a harmonic map.
+    tolerance : float
+        Boundary error that the fits are to reach (99 % of the area, as a fraction of the target's diagonal).
+    progress : bool or callable, optional
+        As for :func:`solidmap.check`.
+    time_limit : float, optional
+        Seconds after which the best map so far is taken.
+
+    Returns
+    -------
+    BoundaryMap
+        With its ``report``.
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> onto = solidmap.boundary.sphere(solidmap.shapes.cube(1.0, 4))
+    >>> better = solidmap.boundary.improve(onto, rounds=2)
+    >>> better.report.energies[-1] <= better.report.energies[0]
+    True
+    """
+    if not isinstance(boundary, BoundaryMap):
+        raise options.InvalidTypeError(f"boundary is of type {type(boundary).__name__}, but must be a BoundaryMap")
+    chosen = (
+        options.number("max_distortion", max_distortion),
+        options.count("rounds", rounds),
+        options.number("tolerance", tolerance),
+    )
+    limit = options.optional(options.seconds, "time_limit", time_limit)
+    with shown(progress) as callback:
+        made, report = native.boundary_improve(boundary._boundary, *chosen, callback, limit)
+    return BoundaryMap._of(made, ImproveReport._read(report))
 
 
 def check(

@@ -13,6 +13,7 @@ use solidmap::boundary_map::pair::{
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, Provenance};
 use solidmap::fit::self_intersection_finder;
+use solidmap::improve::{ImproveOptions, ImprovePhase, improve_boundary};
 use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::SurfacePoint;
 use solidmap::spherical::{SphereEnergy, SphereOptions, SpherePhase, SphereStart, check_embedding, map_to_sphere};
@@ -20,6 +21,7 @@ use solidmap::{Point, Vector};
 
 use crate::arrays::{Points, copy_of_points, entries, from_points, rows};
 use crate::error::{ErrorKind, Failure};
+use crate::fit::fit_step;
 use crate::meshes::{Surface, json as to_json};
 use crate::run::{Step, part, run, run_briefly, step};
 
@@ -296,6 +298,39 @@ pub fn boundary_sphere(
         report["certificate"] = value_of(&certificate)?;
         report["distortion"] = value_of(&SurfaceDistortion::of(boundary.domain(), boundary.image()))?;
         Ok((Boundary::of(boundary, provenance(&inputs)?), report.to_string()))
+    })
+}
+
+/// The map with its images moved such that the harmonic energy of the inside falls, and its report.
+#[pyfunction]
+#[pyo3(signature = (boundary, max_distortion, rounds, tolerance, progress=None, time_limit=None))]
+pub fn boundary_improve(
+    py: Python,
+    boundary: &Boundary,
+    max_distortion: f64,
+    rounds: usize,
+    tolerance: f64,
+    progress: Option<&Bound<'_, PyAny>>,
+    time_limit: Option<f64>,
+) -> PyResult<(Boundary, String)> {
+    let file = Arc::clone(&boundary.0);
+    let mut options = ImproveOptions {
+        most_distortion: max_distortion,
+        most_rounds: rounds,
+        ..ImproveOptions::default()
+    };
+    options.fit.tolerance = tolerance;
+    run(py, progress, time_limit, move |watch| {
+        let progress = |phase| {
+            watch.tell_until_deadline(|| match phase {
+                ImprovePhase::Fitting(phase) => fit_step(phase),
+                ImprovePhase::Moving {
+                    rounds, most_rounds, ..
+                } => part("lowering the energy", rounds, most_rounds),
+            })
+        };
+        let (map, report) = improve_boundary(&file.boundary, &options, &progress)?;
+        Ok((Boundary::of(map, file.metadata.inputs.clone()), to_json(&report)?))
     })
 }
 

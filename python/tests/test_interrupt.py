@@ -15,6 +15,7 @@ from conftest import in_python, needs_native
 LONG = {
     "fit": "solidmap.fit(ball, images=bent, tolerance=1e-7)",
     "pair": "solidmap.boundary.pair(solidmap.shapes.cube(2.0, 40), ball)",
+    "improve": "solidmap.boundary.improve(solidmap.boundary.sphere(solidmap.shapes.cube(2.0, 24)), tolerance=1e-4)",
     "sphere": "solidmap.boundary.sphere(solidmap.shapes.sphere(levels=7))",
     "evaluate": "f(np.random.default_rng(0).random((5_000_000, 3)) - 0.5)",
     "inverse": "f.inverse(np.random.default_rng(0).random((2_000_000, 3)) - 0.5)",

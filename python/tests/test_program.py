@@ -153,6 +153,7 @@ COMMANDS = [
     (["boundary", "pair"], solidmap.boundary.pair, {}),
     (["boundary", "sphere"], solidmap.boundary.sphere, {"boundary": None}),
     (["boundary", "check"], solidmap.boundary.check, {}),
+    (["boundary", "improve"], solidmap.boundary.improve, {}),
     (["energy"], solidmap.Map.energy, {}),
     (["certify"], solidmap.Map.certify, {}),
     (["remesh"], solidmap.Map.remesh, {}),

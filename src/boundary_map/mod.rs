@@ -7,7 +7,9 @@ mod distortion;
 mod error;
 pub mod examples;
 mod function;
+mod line_search;
 pub mod pair;
+pub(crate) mod sweep;
 
 pub use correspondence::BoundaryMap;
 pub use distortion::{DistortionQuantiles, SurfaceDistortion, TriangleDistortion, triangle_distortions};

@@ -215,6 +215,15 @@ impl HyperbolicEmbedding {
         }
     }
 
+    /// The same surface with its vertices at other places.
+    ///
+    /// # Errors
+    ///
+    /// [`HyperbolicError::NotBijective`].
+    pub(crate) fn with_places(&self, places: &[Vector]) -> Result<Self, HyperbolicError> {
+        Self::of_places(self.surface.clone(), self.group.clone(), places, self.corners.clone())
+    }
+
     /// The surface, its triangles facing outward.
     pub fn surface(&self) -> &SurfaceMesh {
         &self.surface

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::cut::cut;
-use super::minkowski::{Chart, normalised, triangle_area};
+use super::minkowski::{Chart, lifted, normalised, triangle_area};
 use super::polygon::SurfaceGroup;
 use super::word::{Relator, Word};
 use super::{HyperbolicEmbedding, HyperbolicError};
@@ -106,6 +106,16 @@ pub(crate) struct HyperbolicLayout {
 }
 
 impl HyperbolicLayout {
+    /// The complete layout that an embedding is.
+    pub fn of_embedding(embedding: &HyperbolicEmbedding) -> Self {
+        let places = embedding.positions().into_iter().map(lifted).collect();
+        let (group, rings) = (embedding.group().clone(), embedding.lifted_rings());
+        Self {
+            places,
+            ..Self::of_rings(group, rings, embedding.surface().vertices().len())
+        }
+    }
+
     /// All vertices that have rings, at the centre of the polygon.
     pub fn of_rings(group: Arc<SurfaceGroup>, rings: LiftedRings<Arc<Relator>>, count: usize) -> Self {
         let inserted = (0..count as u32).filter(|&v| !rings.of(v).is_empty()).collect();

@@ -21,7 +21,6 @@ mod spherical_embedding;
 
 pub(crate) use cholesky::Cholesky;
 pub(crate) use curvature::Curvature;
-#[cfg(test)]
 pub(crate) use distortion_energy::tangents;
 pub(crate) use distortion_energy::{DistortionEnergy, ElementDerivatives, EnergyWeights, Objective};
 pub use embedding_check::{EmbeddingCheck, check_embedding};

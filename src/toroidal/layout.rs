@@ -81,6 +81,17 @@ impl Periods {
         Self([Vector::new(p, q, 0.0) * scale, Vector::new(q, r, 0.0) * scale])
     }
 
+    /// Those under which an embedding keeps angles best.
+    pub fn of_embedding(embedding: &ToroidalEmbedding) -> Self {
+        let surface = embedding.surface();
+        let mut products = [[0.0; 2]; 2];
+        for (t, corners) in surface.triangles().iter().enumerate() {
+            let rest = RestShape::of_triangle(corners.map(|v| &surface.vertices()[v as usize]), 1.0);
+            add_dirichlet_products(&rest, embedding.corners(t).map(|x| [x.x, x.y]), &mut products);
+        }
+        Self::of_products(products)
+    }
+
     pub fn translation(&self, [i, j]: Shift) -> Vector {
         self.0[0] * f64::from(i) + self.0[1] * f64::from(j)
     }
@@ -162,14 +173,7 @@ impl TorusSurface {
         for (t, shifts) in triangles.iter().zip(&shifts) {
             let rest = RestShape::of_triangle(t.map(|v| &self.surface.vertices()[v as usize]), 1.0);
             let at = |k: usize, axis: usize| self.base_positions[t[k] as usize][axis] + f64::from(shifts[k][axis]);
-            for k in 0..3 {
-                let side = [0, 1].map(|axis| at((k + 1) % 3, axis) - at((k + 2) % 3, axis));
-                for (row, a) in products.iter_mut().zip(side) {
-                    for (entry, b) in row.iter_mut().zip(side) {
-                        *entry += 0.5 * rest.cotangents[k] * a * b;
-                    }
-                }
-            }
+            add_dirichlet_products(&rest, [0, 1, 2].map(|k| [at(k, 0), at(k, 1)]), &mut products);
         }
         products
     }
@@ -235,6 +239,19 @@ impl TorusSurface {
             ToroidalError::NotBijective(_) => ToroidalError::TooFine,
             error => error,
         })
+    }
+}
+
+/// Adds those of a triangle whose corners have these coordinates.
+fn add_dirichlet_products(rest: &RestShape, corners: [[f64; 2]; 3], products: &mut [[f64; 2]; 2]) {
+    for k in 0..3 {
+        let [p, q] = [corners[(k + 1) % 3], corners[(k + 2) % 3]];
+        let side = [p[0] - q[0], p[1] - q[1]];
+        for (row, a) in products.iter_mut().zip(side) {
+            for (entry, b) in row.iter_mut().zip(side) {
+                *entry += 0.5 * rest.cotangents[k] * a * b;
+            }
+        }
     }
 }
 
@@ -326,6 +343,22 @@ pub(crate) struct PartialLayout {
 }
 
 impl PartialLayout {
+    /// The complete layout that an embedding is.
+    pub fn of_embedding(embedding: &ToroidalEmbedding, periods: Periods) -> Self {
+        let surface = embedding.surface();
+        let count = surface.vertices().len();
+        let positions = embedding.positions().iter();
+        Self {
+            rings: LiftedRings::new(Translations, count, surface.triangles(), embedding.translations()),
+            places: positions.map(|x| periods.place(*x)).collect(),
+            periods,
+            map: LatticeMap::default(),
+            inserted: (0..count as u32).collect(),
+            level_start: 0,
+            levels: 0,
+        }
+    }
+
     /// Inserts vertices, level by level, until there are at least `enough`. After each level `improve` may move vertices,
     /// keeping all triangles positive. `None` when rounding leaves no place for a vertex.
     pub fn refine(&mut self, torus: &TorusSurface, enough: usize, mut improve: impl FnMut(&mut Self)) -> Option<()> {

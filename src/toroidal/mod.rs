@@ -18,7 +18,7 @@ pub(crate) use handles::{HandleLoop, handle_loops};
 pub(crate) use layout::{LatticeMap, PartialLayout, Periods, TORUS_AREA, TorusSurface, place_in_kernel};
 pub(crate) use linking::outer_linking;
 pub(crate) use locate::ToroidalLocator;
-pub(crate) use rings::{DeckGroup, LiftedRings};
+pub(crate) use rings::{DeckGroup, LiftedRings, Translations};
 
 /// Embeddings for tests.
 #[cfg(test)]

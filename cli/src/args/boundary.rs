@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 use solidmap::boundary_map::pair::PairOptions;
+use solidmap::improve::ImproveOptions;
 
 use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
-use super::values::{positive, share};
+use super::values::{at_least_one, positive, share};
 use super::view::PageSizeArgs;
 
 #[derive(Debug, Subcommand)]
@@ -18,6 +19,8 @@ pub enum BoundaryCommand {
     Check(BoundaryCheckArgs),
     /// Map a closed surface of genus 0 to the unit sphere, one to one
     Sphere(BoundarySphereArgs),
+    /// Move the images on the target so that the harmonic energy of the inside falls, one to one all the way
+    Improve(BoundaryImproveArgs),
 }
 
 /// Files that a boundary map is read from. Each command puts --image, --boundary and its alternatives into one group.
@@ -198,6 +201,25 @@ pub struct BoundaryOutputs {
     /// Axis that points up in the picture and the page
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
+}
+
+#[derive(Debug, Args)]
+pub struct BoundaryImproveArgs {
+    /// Boundary file, as `boundary pair --boundary` or `boundary sphere --boundary` writes it
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// How much the distortion of the surface may grow: its symmetric Dirichlet energy, in the mean and at 99.9 % of the area,
+    /// over those of FILE
+    #[arg(long, value_name = "RATIO", value_parser = at_least_one, default_value_t = ImproveOptions::default().most_distortion)]
+    pub max_distortion: f64,
+    /// Rounds at most; each fits a harmonic map
+    #[arg(long, value_name = "N", default_value_t = ImproveOptions::default().most_rounds)]
+    pub rounds: usize,
+    /// Boundary error that the fits are to reach (99 % of the area, as a fraction of the target's diagonal)
+    #[arg(long, value_name = "FRACTION", value_parser = positive, default_value_t = ImproveOptions::default().fit.tolerance)]
+    pub tolerance: f64,
+    #[command(flatten)]
+    pub outputs: BoundaryOutputs,
 }
 
 #[derive(Debug, Args)]

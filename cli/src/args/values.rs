@@ -41,6 +41,14 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A finite number of 1 or more.
+pub fn at_least_one(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number >= 1.0 && f64::is_finite(number) => Ok(number),
+        _ => Err(format!("`{text}` is not a number of 1 or more")),
+    }
+}
+
 /// A share from 0 to 1.
 pub fn share(text: &str) -> Result<f64, String> {
     match text.parse() {

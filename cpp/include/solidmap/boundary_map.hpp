@@ -75,6 +75,39 @@ struct PairReport {
   std::vector<std::string> warnings;
 };
 
+/// How BoundaryMap::improved() works.
+struct ImproveOptions {
+  /// How much the distortion of the surface may grow: its symmetric Dirichlet energy, in the mean and at 99.9 % of the area, over
+  /// those at the start. At least 1.
+  double max_distortion = 1.5;
+  /// Rounds at most; each fits a harmonic map.
+  std::size_t rounds = 40;
+  /// Boundary error that the fits are to reach (99 % of the area, over the target's diagonal).
+  double tolerance = 2e-3;
+};
+
+/// What BoundaryMap::improved() did.
+struct ImproveReport {
+  /// Harmonic energy of the map between the solids scaled to unit volume, at the start and after every round that lowered it.
+  std::vector<double> energies;
+  /// Rounds, also those in vain.
+  std::size_t rounds = 0;
+  /// Why there were no more.
+  enum class End {
+    /// More would distort the surface beyond the bound.
+    distortion,
+    /// No step lowered the energy.
+    converged,
+    /// There were as many as allowed.
+    rounds,
+  } end = End::rounds;
+  /// Symmetric Dirichlet energy of the surface at 99.9 % of the area.
+  double distortion_before = 0, distortion_after = 0;
+  /// Boundary errors of the fits (99 % of the area, over the target's diagonal).
+  double boundary_error_before = 0, boundary_error_after = 0;
+  std::vector<std::string> warnings;
+};
+
 /// Where every point of a domain's surface goes. Immutable; copies share their data and cost nothing.
 ///
 /// Given by the images of the vertices, it is linear over the triangles. Composed of embeddings in the sphere or a flat
@@ -121,6 +154,12 @@ class BoundaryMap {
 
   /// The inverse map. Throws Error (unsupported) unless the map was made by pair(), or loaded from a file of such a one.
   BoundaryMap inverse() const;
+
+  /// The images moved on the target such that the harmonic energy of the inside falls, one to one all the way. About a second per
+  /// round for 10 000 vertices on two cores.
+  /// Throws Error (invalid_input: a map given by images of vertices, which cannot slide; options out of range; cancelled).
+  BoundaryMap improved(const ImproveOptions& options = {}, const ProgressCallback& progress = {},
+                       ImproveReport* report = nullptr) const;
 
  private:
   friend struct detail::Access;

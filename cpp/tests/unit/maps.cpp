@@ -351,6 +351,27 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
   CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");
 }
 
+TEST_CASE("the energy of the inside falls as the images of a map to the sphere are moved") {
+  const Surface bar = shapes::polycube({{0, 0, 0}, {1, 0, 0}}, 4);
+  const BoundaryMap map = BoundaryMap::to_sphere(bar);
+  ImproveOptions options;
+  options.rounds = 4;
+  ImproveReport report;
+  const BoundaryMap improved = map.improved(options, {}, &report);
+  REQUIRE(report.energies.size() >= 2);
+  for (std::size_t i = 1; i < report.energies.size(); ++i) CHECK(report.energies[i] < report.energies[i - 1]);
+  CHECK(report.rounds <= 4);
+  CHECK(report.distortion_after <= 1.5 * report.distortion_before);
+  CHECK(improved.images().size() == map.images().size());
+  for (const Point& p : improved.images()) CHECK(distance(p, {0, 0, 0}) == doctest::Approx(1.0));
+  options.max_distortion = 0.5;
+  CHECK(thrown_by([&] { map.improved(options); }) == "invalid_input");
+  const std::vector<Point> same(bar.vertices().begin(), bar.vertices().end());
+  CHECK(thrown_by([&] { BoundaryMap(bar, same).improved(); }) == "invalid_input");
+  CHECK(thrown_by([&] { map.improved({}, [](const Progress& now) { return now.step != "lowering the energy"; }); }) ==
+        "cancelled");
+}
+
 TEST_CASE("one refusal ends a pair and a map to the sphere, whenever it comes") {
   const Surface ball = shapes::sphere(1.0, 2), cube = shapes::cube(2.0, 4);
   const auto ends = [](const auto& work) {

@@ -21,7 +21,6 @@ mod inter_surface;
 mod isometry;
 mod landmark_warp;
 mod landmarks;
-mod line_search;
 mod options;
 mod oriented_query;
 mod report;

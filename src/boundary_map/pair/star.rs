@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 
 use super::bent::{BentImage, middle, moved_middle, pieces_energy, straight_energy};
 use super::inter_surface::{BARRIER, DomainTriangle, InverseEmbedding, Spring, VertexImage, jacobian_invariants};
-use super::line_search::lower_along;
+use crate::boundary_map::line_search::lower_along;
 use crate::spherical::{Curvature, det, positive_det};
 use crate::{Matrix3, Point, Vector};
 

@@ -1,6 +1,7 @@
 //! `solidmap boundary`: maps of boundary surfaces.
 
 mod check;
+mod improve;
 pub mod pair;
 mod pictures;
 pub mod sphere;
@@ -16,5 +17,6 @@ pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Command
         BoundaryCommand::Pair(args) => pair::run(args, output),
         BoundaryCommand::Check(args) => check::run(args, output),
         BoundaryCommand::Sphere(args) => sphere::run(args, output),
+        BoundaryCommand::Improve(args) => improve::run(args, output),
     }
 }

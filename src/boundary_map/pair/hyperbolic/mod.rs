@@ -9,26 +9,24 @@
 
 mod lifting;
 mod meridians;
-mod target;
 
 use rayon::prelude::*;
 
 use super::alignment::align_with_progress;
 use super::targets::vertex_targets;
 use super::torus::search::{COARSE_SOFTNESS, FINE_SOFTNESS};
-use super::torus::star::Sweeper;
 use super::{
     AlignmentSurface, HyperbolicReport, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase,
     PairReport, PairStart, PairStartKind, PairTimings, Stretch, distortion, is_lower,
 };
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
+use crate::boundary_map::sweep::{HyperbolicTarget, Sweeper, mean_energy};
 use crate::geometry::Similarity;
 use crate::hyperbolic::{HyperbolicError, HyperbolicLayout, HyperbolicSurface};
 use crate::mesh::SurfaceMesh;
 use lifting::TargetPaths;
 use meridians::Meridians;
-use target::{HyperbolicTarget, mean_energy};
 
 /// Vertices of the domain, for each handle, when the best classes are compared again.
 const COMPARED_VERTICES: usize = 400;

@@ -13,96 +13,12 @@ use std::sync::atomic::Ordering::Relaxed;
 use nalgebra::Matrix3x2;
 use rayon::prelude::*;
 
-use super::element::{Chain, Derivatives, add_image_derivatives, barrier, barrier_derivatives, image_energy};
+use crate::boundary_map::sweep::{
+    Chain, Cut, Derivatives, TargetTorus, add_image_derivatives, barrier, barrier_derivatives, image_energy, secant,
+};
 use crate::spherical::{Curvature, ElementDerivatives, Objective, RestShape};
-use crate::toroidal::{PartialLayout, Periods, TORUS_AREA, ToroidalEmbedding, ToroidalLocator};
+use crate::toroidal::{PartialLayout, TORUS_AREA};
 use crate::{Point, Vector};
-
-/// The target as the domain's layouts see it: from places in the plane to points of it.
-pub(in crate::boundary_map::pair) struct TargetTorus {
-    pub embedding: ToroidalEmbedding,
-    locator: ToroidalLocator,
-    pub periods: Periods,
-    /// Lengths of the target are multiplied by this, so that its area is that of the torus.
-    scale: f64,
-}
-
-/// The image of a place.
-#[derive(Debug, Clone, Copy, Default)]
-pub(in crate::boundary_map::pair) struct Image {
-    pub point: Point,
-    /// The copy of the triangle of the target, for the next search nearby.
-    pub copy: u32,
-}
-
-impl TargetTorus {
-    pub fn new(embedding: &ToroidalEmbedding, periods: Periods) -> Self {
-        Self {
-            embedding: embedding.clone(),
-            locator: ToroidalLocator::new(embedding),
-            periods,
-            scale: (TORUS_AREA / embedding.surface().area()).sqrt(),
-        }
-    }
-
-    pub fn image(&self, x: &Vector, copy: u32) -> Image {
-        let found = self.locator.locate_from(self.periods.coordinates(x), copy);
-        let surface = self.embedding.surface();
-        Image {
-            point: found.point.position(surface, surface.vertices()) * self.scale,
-            copy: found.copy,
-        }
-    }
-
-    /// Diagonal of the target.
-    pub fn diagonal(&self) -> f64 {
-        self.embedding.surface().diagonal()
-    }
-
-    /// The point of the target itself.
-    pub fn position(&self, x: &Vector) -> Point {
-        self.image(x, u32::MAX).point / self.scale
-    }
-}
-
-/// A triangle cut into `k × k` parts: barycentric coordinates of their corners, and the corners of each in the order of those of
-/// the triangle.
-#[derive(Debug, Clone)]
-pub(in crate::boundary_map::pair) struct Cut {
-    pub cuts: usize,
-    pub samples: Vec<[f64; 3]>,
-    pub parts: Vec<[usize; 3]>,
-}
-
-impl Cut {
-    pub fn new(cuts: usize) -> Self {
-        let (mut samples, mut index) = (Vec::new(), HashMap::new());
-        for j in 0..=cuts {
-            for i in 0..=cuts - j {
-                index.insert((i, j), samples.len());
-                samples.push([cuts - i - j, i, j].map(|count| count as f64 / cuts as f64));
-            }
-        }
-        let mut parts = Vec::new();
-        for j in 0..cuts {
-            for i in 0..cuts - j {
-                parts.push([(i, j), (i + 1, j), (i, j + 1)].map(|at| index[&at]));
-                if i + j + 2 <= cuts {
-                    parts.push([(i + 1, j + 1), (i, j + 1), (i + 1, j)].map(|at| index[&at]));
-                }
-            }
-        }
-        Self { cuts, samples, parts }
-    }
-
-    /// The rest shape of a part.
-    pub fn part_of(&self, rest: &RestShape) -> RestShape {
-        RestShape {
-            area: rest.area / (self.cuts * self.cuts) as f64,
-            ..*rest
-        }
-    }
-}
 
 /// The energy as a function of the places of all vertices, for Newton's method.
 pub(super) struct TorusEnergy<'a> {
@@ -214,15 +130,6 @@ impl<'a> TorusEnergy<'a> {
         }
         sums.into_iter().map(|(slope, area)| slope / area).collect()
     }
-}
-
-/// The derivative of the linear map from a triangle in the plane to these images, times the area of the triangle, and that area;
-/// both doubled.
-pub(super) fn secant(places: [&Vector; 3], images: [&Point; 3]) -> (Matrix3x2<f64>, f64) {
-    let (p, q) = (places[1] - places[0], places[2] - places[0]);
-    let (y, z) = (images[1] - images[0], images[2] - images[0]);
-    let slope = Matrix3x2::from_columns(&[y * q.y - z * p.y, z * p.x - y * q.x]);
-    (slope, p.x * q.y - p.y * q.x)
 }
 
 impl Objective for TorusEnergy<'_> {

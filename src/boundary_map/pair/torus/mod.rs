@@ -3,14 +3,12 @@
 //! 1. Both surfaces are laid out on tori, such that loops that bound a disk in the solid run along the first side.
 //! 2. Classes of maps and translations are compared on coarse meshes, the best of them after optimisation ([`search`]).
 //! 3. The best layout of the domain is refined, and at every level optimised for low distortion of the map from surface to
-//!    surface ([`energy`], [`star`]); so is that of another class if it is nearly as good, and the complete maps decide.
+//!    surface ([`energy`], [`sweep`](crate::boundary_map::sweep)); so is that of another class if it is nearly as good, and the complete maps decide.
 //!
 //! No step inverts a triangle in the plane.
 
-pub(super) mod element;
 pub(super) mod energy;
 pub(super) mod search;
-pub(super) mod star;
 
 use rayon::prelude::*;
 
@@ -18,9 +16,9 @@ use super::{
     PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport, PairStartKind, PairTimings,
     Stretch, TorusReport, distortion, is_lower,
 };
+use crate::boundary_map::sweep::TargetTorus;
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::toroidal::{PartialLayout, ToroidalEmbedding, ToroidalError, TorusSurface};
-use energy::TargetTorus;
 use search::{
     COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, Rating, Stage, candidates, compared_energy, optimise, sort,
 };

@@ -6,8 +6,8 @@
 
 use rayon::prelude::*;
 
-use super::energy::{Cut, TargetTorus, TorusEnergy};
-use super::star::Sweeper;
+use super::energy::TorusEnergy;
+use crate::boundary_map::sweep::{Cut, Sweeper, TargetTorus};
 use crate::spherical::{Newton, NewtonOptions, Objective};
 use crate::toroidal::{LatticeMap, PartialLayout};
 use crate::{Point, Vector};

@@ -13,11 +13,11 @@ use crate::{Point, Vector};
 const BARRIER: f64 = 1e-3;
 
 /// The three coordinates of the image of a point by `N` others.
-pub(super) type Chain<const N: usize> = SMatrix<f64, 3, N>;
+pub(crate) type Chain<const N: usize> = SMatrix<f64, 3, N>;
 
 /// First derivatives, and semidefinite ones in place of the second.
 #[derive(Debug, Clone)]
-pub(super) struct Derivatives<const N: usize> {
+pub(crate) struct Derivatives<const N: usize> {
     pub gradient: SVector<f64, N>,
     pub hessian: SMatrix<f64, N, N>,
 }
@@ -41,13 +41,13 @@ fn invariants([a, b, c]: [&Point; 3], rest: &RestShape) -> (f64, f64, Vector) {
 }
 
 /// The energy of a triangle with these images of its corners: its area for an isometry, about.
-pub(in crate::boundary_map::pair) fn image_energy(images: [&Point; 3], rest: &RestShape, softness: f64) -> f64 {
+pub(crate) fn image_energy(images: [&Point; 3], rest: &RestShape, softness: f64) -> f64 {
     let (s, c, _) = invariants(images, rest);
     0.25 * rest.area * (s + s / (c * c + 0.25 * softness * s * s).max(f64::MIN_POSITIVE))
 }
 
 /// Adds the derivatives of [`image_energy`], from those of the images.
-pub(super) fn add_image_derivatives<const N: usize>(
+pub(crate) fn add_image_derivatives<const N: usize>(
     images: [&Point; 3],
     chains: [&Chain<N>; 3],
     rest: &RestShape,
@@ -109,13 +109,13 @@ fn semidefinite([a, b, c]: [f64; 3]) -> [f64; 3] {
 }
 
 /// The barrier of a triangle with these corners in the plane; `None` unless it is positive.
-pub(super) fn barrier([x, a, b]: [&Vector; 3], rest: &RestShape) -> Option<f64> {
+pub(crate) fn barrier([x, a, b]: [&Vector; 3], rest: &RestShape) -> Option<f64> {
     let d = positive_det(x, a, b)?;
     Some(0.5 * BARRIER * rest.area * rest.dirichlet(x, a, b) / d)
 }
 
 /// Derivatives of [`barrier`] by the coordinates of the corners in the plane.
-pub(super) fn barrier_derivatives(corners: [&Vector; 3], rest: &RestShape) -> Derivatives<6> {
+pub(crate) fn barrier_derivatives(corners: [&Vector; 3], rest: &RestShape) -> Derivatives<6> {
     let [x, a, b] = corners;
     let d = det(x, a, b);
     let q = rest.dirichlet(x, a, b);

@@ -1,16 +1,25 @@
 //! Sweeps: every vertex of a layout moved on its own to lower the energy of its triangles.
 
+mod cut;
+mod element;
+mod hyperbolic;
+mod sphere;
+mod torus;
+
 use rayon::prelude::*;
 
-use super::element::{Chain, Derivatives, add_image_derivatives, barrier, barrier_derivatives, image_energy};
-use super::energy::{Cut, TargetTorus, secant};
-use crate::boundary_map::pair::line_search::lower_along;
+pub(crate) use cut::{Cut, secant};
+pub(crate) use element::{Chain, Derivatives, add_image_derivatives, barrier, barrier_derivatives, image_energy};
+pub(crate) use hyperbolic::HyperbolicTarget;
+pub(crate) use sphere::{SphereLayout, SphereTarget};
+pub(crate) use torus::TargetTorus;
+
+use super::line_search::lower_along;
 use crate::spherical::{Curvature, RestShape};
-use crate::toroidal::PartialLayout;
 use crate::{Matrix3, Point, Vector};
 
 /// A layout of a simplified mesh on the surface that a target is laid out on.
-pub(in crate::boundary_map::pair) trait Layout: Sync {
+pub(crate) trait Layout: Sync {
     type Target: Sync;
     /// The target around a place, in a plane at height 1.
     type Around<'t>: TargetAround;
@@ -20,14 +29,15 @@ pub(in crate::boundary_map::pair) trait Layout: Sync {
     fn ring(&self, v: u32) -> impl ExactSizeIterator<Item = u32>;
     /// The factor that scales the area of the simplified mesh, with its vertices at `points`, to that of the surface laid out on.
     fn area_scale(&self, points: &[Point]) -> f64;
-    /// The target around a vertex, the place of the vertex in the plane, and those of its ring.
-    fn star<'t>(&self, target: &'t Self::Target, v: u32) -> (Self::Around<'t>, Vector, Vec<Vector>);
+    /// The target around a vertex, the place of the vertex in the plane, and those of its ring; `None` where the ring is not in one
+    /// plane.
+    fn star<'t>(&self, target: &'t Self::Target, v: u32) -> Option<(Self::Around<'t>, Vector, Vec<Vector>)>;
     /// Moves a vertex to a place in the plane of its star.
     fn move_to(&mut self, v: u32, place: &Vector);
 }
 
 /// The target around a place: from places in a plane at height 1 to points of it.
-pub(in crate::boundary_map::pair) trait TargetAround {
+pub(crate) trait TargetAround {
     /// Where a point was found, for the next search nearby.
     type Hint: Clone;
 
@@ -36,44 +46,45 @@ pub(in crate::boundary_map::pair) trait TargetAround {
     fn image(&self, x: &Vector, hint: &mut Self::Hint) -> Point;
 }
 
-impl Layout for PartialLayout {
-    type Target = TargetTorus;
-    type Around<'t> = &'t TargetTorus;
+/// A function of the images of vertices that is part of the energy: its slope at given images, and a bound of how it bends. Images are
+/// scaled as [`TargetAround::image`] scales them.
+pub(crate) struct ProximalTerm {
+    /// For each vertex its image where the slope was measured.
+    pub images: Vec<Point>,
+    /// The slope by the image of each vertex.
+    pub slopes: Vec<Vector>,
+    /// The bend as any image moves alone.
+    pub masses: Vec<f64>,
+    /// The bend as an image and one of its ring move apart, in the order of the ring.
+    pub couplings: Vec<Vec<f64>>,
+}
 
-    fn inserted(&self) -> &[u32] {
-        &self.inserted
-    }
+/// The same for one vertex, where the others stay: half of `weight` times the square of the distance of its image from a point.
+#[derive(Clone, Copy)]
+struct Pull {
+    to: Point,
+    weight: f64,
+}
 
-    fn ring(&self, v: u32) -> impl ExactSizeIterator<Item = u32> {
-        self.rings.of(v).iter().map(|r| r.0)
-    }
-
-    fn area_scale(&self, points: &[Point]) -> f64 {
-        self.area_scale(points)
-    }
-
-    fn star<'t>(&self, target: &'t TargetTorus, v: u32) -> (&'t TargetTorus, Vector, Vec<Vector>) {
-        let place = |&(r, shift): &(u32, _)| self.places[r as usize] + self.periods.translation(shift);
-        let ring = self.rings.of(v).iter().map(place).collect();
-        (target, self.places[v as usize], ring)
-    }
-
-    fn move_to(&mut self, v: u32, place: &Vector) {
-        self.places[v as usize] = *place;
+impl ProximalTerm {
+    /// For a vertex with these images of its ring.
+    fn pull(&self, v: u32, ring: impl Iterator<Item = (u32, Point)>) -> Pull {
+        let own = v as usize;
+        let (mut weight, mut slope) = (self.masses[own], -self.slopes[own]);
+        for ((r, image), coupling) in ring.zip(&self.couplings[own]) {
+            weight += coupling;
+            slope += (image - self.images[r as usize]) * *coupling;
+        }
+        Pull {
+            to: self.images[own] + slope / weight,
+            weight,
+        }
     }
 }
 
-impl TargetAround for &TargetTorus {
-    type Hint = u32;
-
-    fn hint(&self) -> u32 {
-        u32::MAX
-    }
-
-    fn image(&self, x: &Vector, hint: &mut u32) -> Point {
-        let found = TargetTorus::image(self, x, *hint);
-        *hint = found.copy;
-        found.point
+impl Pull {
+    fn energy(&self, image: &Point) -> f64 {
+        0.5 * self.weight * (image - self.to).norm_squared()
     }
 }
 
@@ -81,7 +92,7 @@ impl TargetAround for &TargetTorus {
 const LEAST_SWEPT: usize = 16;
 
 /// What sweeps need to know of a layout: to be made again when vertices are inserted.
-pub(in crate::boundary_map::pair) struct Sweeper<'a, L: Layout> {
+pub(crate) struct Sweeper<'a, L: Layout> {
     target: &'a L::Target,
     cuts: usize,
     softness: f64,
@@ -89,6 +100,8 @@ pub(in crate::boundary_map::pair) struct Sweeper<'a, L: Layout> {
     rests: Vec<Vec<[RestShape; 2]>>,
     /// Indices of inserted vertices, such that no two of a group are neighbours.
     groups: Vec<Vec<usize>>,
+    /// Part of the energy.
+    pub proximal: Option<ProximalTerm>,
 }
 
 /// The triangles of one vertex, cut into parts, as a function of its place. Samples are in layers around the vertex: layer `l` has
@@ -101,6 +114,7 @@ struct Star<'a, T> {
     ring: Vec<Vector>,
     /// Images of the last layer, which does not move.
     fixed: Vec<Point>,
+    pull: Option<Pull>,
 }
 
 impl<'a, L: Layout> Sweeper<'a, L> {
@@ -123,6 +137,7 @@ impl<'a, L: Layout> Sweeper<'a, L> {
             softness,
             rests: layout.inserted().par_iter().map(of_vertex).collect(),
             groups: independent_groups(layout, points.len()),
+            proximal: None,
         }
     }
 
@@ -144,7 +159,8 @@ impl<'a, L: Layout> Sweeper<'a, L> {
     }
 
     fn better_place(&self, layout: &L, index: usize) -> Option<Vector> {
-        let (target, x, ring) = layout.star(self.target, layout.inserted()[index]);
+        let v = layout.inserted()[index];
+        let (target, x, ring) = layout.star(self.target, v)?;
         let mut star = Star {
             target,
             cuts: self.cuts,
@@ -152,9 +168,14 @@ impl<'a, L: Layout> Sweeper<'a, L> {
             rests: &self.rests[index],
             ring,
             fixed: Vec::new(),
+            pull: None,
         };
         let last = star.layer(star.cuts, &x);
         star.fixed = star.images(&last, &mut star.target.hint());
+        star.pull = self.proximal.as_ref().map(|term| {
+            let of_ring = star.fixed.iter().step_by(self.cuts).copied();
+            term.pull(v, layout.ring(v).zip(of_ring))
+        });
         star.better_place(&x)
     }
 }
@@ -173,6 +194,46 @@ fn independent_groups(layout: &impl Layout, vertices: usize) -> Vec<Vec<usize>> 
         groups[c].push(i);
     }
     groups
+}
+
+/// The mean energy of the images of triangles, 1 for an isometry, where that of a triangle counts up to `most` times that of an isometry.
+pub(crate) fn mean_energy<L: Layout>(
+    layout: &L,
+    target: &L::Target,
+    points: &[Point],
+    cuts: usize,
+    softness: f64,
+    most: f64,
+) -> f64 {
+    let cut = Cut::new(cuts);
+    let area_scale = layout.area_scale(points);
+    let of_vertex = |&v: &u32| -> [f64; 2] {
+        let ids: Vec<u32> = layout.ring(v).collect();
+        let mut sums = [0.0; 2];
+        let Some((around, x, ring)) = layout.star(target, v) else {
+            return sums;
+        };
+        for i in 0..ids.len() {
+            let next = (i + 1) % ids.len();
+            // Each triangle once.
+            if v > ids[i] || v > ids[next] {
+                continue;
+            }
+            let rest = RestShape::of_triangle([v, ids[i], ids[next]].map(|u| &points[u as usize]), area_scale);
+            let part = cut.part_of(&rest);
+            let mut hint = around.hint();
+            let image = |[l, m, n]: &[f64; 3]| around.image(&(x * *l + ring[i] * *m + ring[next] * *n), &mut hint);
+            let images: Vec<Point> = cut.samples.iter().map(image).collect();
+            let energy = |corners: &[usize; 3]| image_energy(corners.map(|k| &images[k]), &part, softness);
+            let energy: f64 = cut.parts.iter().map(energy).sum();
+            sums[0] += energy.min(most * rest.area);
+            sums[1] += rest.area;
+        }
+        sums
+    };
+    let parts: Vec<[f64; 2]> = layout.inserted().par_iter().map(of_vertex).collect();
+    let sum = |k: usize| parts.iter().map(|part| part[k]).sum::<f64>();
+    sum(0) / sum(1)
 }
 
 impl<T: TargetAround> Star<'_, T> {
@@ -240,6 +301,9 @@ impl<T: TargetAround> Star<'_, T> {
             sum += barrier([x, &self.ring[i], &self.ring[(i + 1) % n]], &self.rests[i][0])?;
         }
         let (_, images) = self.samples(x);
+        if let Some(pull) = &self.pull {
+            sum += pull.energy(&images[0]);
+        }
         for i in 0..n {
             for part in self.parts(i) {
                 sum += image_energy(part.map(|k| &images[k]), &self.rests[i][1], self.softness);
@@ -277,6 +341,10 @@ impl<T: TargetAround> Star<'_, T> {
             .collect();
         let still = Chain::<2>::zeros();
         let mut sum = Derivatives::<2>::zeros();
+        if let Some(pull) = &self.pull {
+            sum.gradient += chains[0].tr_mul(&(images[0] - pull.to)) * pull.weight;
+            sum.hessian += chains[0].tr_mul(&chains[0]) * pull.weight;
+        }
         for i in 0..n {
             let [rest, part_rest] = &self.rests[i];
             let of_plane = barrier_derivatives([x, &self.ring[i], &self.ring[(i + 1) % n]], rest);
