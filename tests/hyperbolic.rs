@@ -1,6 +1,6 @@
 //! Maps between two solids of genus 2 and more: bijective, invertible, and from end to end.
 
-use crate::common::{largest_distance, models};
+use crate::common::{assert_round_trips, models};
 use nalgebra::Rotation3;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
@@ -13,7 +13,7 @@ use solidmap::files::{
 use solidmap::fit::{FitOptions, fit};
 use solidmap::hyperbolic::{HyperbolicEmbedding, HyperbolicError, Letter};
 use solidmap::io;
-use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
+use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::progress::ProgressControl;
 use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshSource, remesh};
 use solidmap::{Point, Vector};
@@ -30,22 +30,7 @@ fn assert_one_to_one(map: &BoundaryMap) {
         let check = embedding.check();
         assert!(check.is_bijective() && (check.degree - 1.0).abs() < 1e-9, "{check:?}");
     }
-    let inverse = map.inverse().unwrap();
-    let target = map.target_surface().unwrap();
-    for (there, back, from) in [(map, &inverse, map.domain()), (&inverse, map, target)] {
-        let points = points_of(from);
-        let returned = back.evaluate(&there.evaluate_on_target(&points).unwrap());
-        let farthest = largest_distance(&there.positions(&points), &returned);
-        assert!(farthest < 1e-9 * from.diagonal(), "{farthest}");
-    }
-}
-
-/// A corner of every triangle, the middle of a side, and a point inside.
-fn points_of(surface: &SurfaceMesh) -> Vec<SurfacePoint> {
-    let of_triangle = |triangle: u32| {
-        [[1.0, 0.0, 0.0], [0.5, 0.0, 0.5], [0.2, 0.7, 0.1]].map(|barycentric| SurfacePoint { triangle, barycentric })
-    };
-    (0..surface.triangles().len() as u32).flat_map(of_triangle).collect()
+    assert_round_trips(map);
 }
 
 /// A plate of cubes with holes in a row.
@@ -123,10 +108,21 @@ fn alternatives_are_bijections_and_options_without_meaning_are_refused() {
 
 #[test]
 fn solids_whose_handles_do_not_fit_are_refused_by_name() {
-    // Two rings side by side, and two that are linked through each other's plane: no alignment takes one to the other.
-    let beside = plate(2, 2);
-    let error = map_pair(&beside, &plate(3, 2), &PairOptions::default(), &|_| ()).map(|_| ());
-    assert_eq!(error, Err(PairError::UnequalGenus { domain: 2, target: 3 }));
+    let refused = |domain: &SurfaceMesh, target: &SurfaceMesh| {
+        map_pair(domain, target, &PairOptions::default(), &|_| ())
+            .map(|_| ())
+            .unwrap_err()
+    };
+    assert_eq!(
+        refused(&plate(2, 2), &plate(3, 2)),
+        PairError::UnequalGenus { domain: 2, target: 3 }
+    );
+    // Three holes in a row, and three around a corner: no alignment takes each to one of the others.
+    let around = |x: i32, y: i32| [[1, 1], [3, 1], [1, 3]].iter().all(|hole| *hole != [x, y]) && (x < 3 || y < 3);
+    let cells = (0..5).flat_map(|x| (0..5).map(move |y| [x, y, 0]));
+    let corner: Vec<[i32; 3]> = cells.filter(|&[x, y, _]| around(x, y)).collect();
+    let error = refused(&plate(3, 2), &shapes::polycube(&corner, 2));
+    assert!(matches!(error, PairError::NoClass { .. }), "{error:?}");
 }
 
 #[test]

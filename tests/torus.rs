@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::common::{largest_distance, models, tets_of};
+use crate::common::{assert_round_trips, models, tets_of};
 use nalgebra::Rotation3;
 use rand::{SeedableRng, rngs::StdRng, seq::SliceRandom};
 use solidmap::boundary_map::BoundaryMap;
@@ -38,22 +38,7 @@ fn assert_one_to_one(map: &BoundaryMap) {
         let check = torus.check();
         assert!(check.is_bijective() && (check.degree - 1.0).abs() < 1e-9, "{check:?}");
     }
-    let inverse = map.inverse().unwrap();
-    let target = map.target_surface().unwrap();
-    for (there, back, from) in [(map, &inverse, map.domain()), (&inverse, map, target)] {
-        let points = points_of(from);
-        let returned = back.evaluate(&there.evaluate_on_target(&points).unwrap());
-        let farthest = largest_distance(&there.positions(&points), &returned);
-        assert!(farthest < 1e-9 * from.diagonal(), "{farthest}");
-    }
-}
-
-/// A corner of every triangle, the middle of a side, and a point inside.
-fn points_of(surface: &SurfaceMesh) -> Vec<SurfacePoint> {
-    let of_triangle = |triangle: u32| {
-        [[1.0, 0.0, 0.0], [0.5, 0.0, 0.5], [0.2, 0.7, 0.1]].map(|barycentric| SurfacePoint { triangle, barycentric })
-    };
-    (0..surface.triangles().len() as u32).flat_map(of_triangle).collect()
+    assert_round_trips(map);
 }
 
 /// A ring without symmetries about the z axis, of `around × across` vertices.

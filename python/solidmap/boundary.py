@@ -423,7 +423,7 @@ def improve(
     boundary: BoundaryMap,
     *,
     max_distortion: float = 1.5,
-    rounds: int = 40,
+    rounds: int = 30,
     tolerance: float = 2e-3,
     progress: Progress = None,
     time_limit: Optional[float] = None,

@@ -73,7 +73,7 @@ pub(super) fn hexmesh(
                     fit,
                     remeshed,
                 };
-                if best.as_ref().is_none_or(|best| made.is_better_than(best)) {
+                if best.as_ref().is_none_or(|best| made.is_better_than(best, options)) {
                     best = Some(made);
                 }
                 if best.as_ref().is_some_and(|best| best.is_good(options)) {

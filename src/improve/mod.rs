@@ -76,7 +76,7 @@ impl Default for ImproveOptions {
                 held_out: HELD_OUT,
                 ..FitOptions::adaptive()
             },
-            most_rounds: 40,
+            most_rounds: 30,
             most_distortion: 1.5,
         }
     }
@@ -190,7 +190,7 @@ pub struct ImproveReport {
 /// Moves the images of a boundary map on its target such that the harmonic energy of the inside falls.
 ///
 /// Every map on the way is a bijection if the first is one, in the same class. A round takes a fit, with a system that is
-/// factored once, and ten sweeps: for 10 000 vertices about a second on two cores.
+/// factored once, and six sweeps: for 10 000 vertices some 2 s on two cores.
 ///
 /// # Errors
 ///

@@ -10,7 +10,7 @@ use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{Fit, FitOptions, fit};
 use solidmap::geometry::SurfaceQuery;
-use solidmap::mesh::{CellList, SurfaceMesh, TetMesh, shapes};
+use solidmap::mesh::{CellList, SurfaceMesh, SurfacePoint, TetMesh, shapes};
 use solidmap::remesh::{CellKind, CellSize, Polycube, regular_mesh};
 
 /// Solids of every kind the method must handle, coarse (`level` 0) to fine.
@@ -103,4 +103,24 @@ pub fn models() -> Option<PathBuf> {
         eprintln!("SKIPPED: SOLIDMAP_MODELS does not name the folder of real models");
     }
     folder
+}
+
+/// There and back within 1e-9 of the diagonals: by the map and its inverse, at points of both surfaces.
+pub fn assert_round_trips(map: &BoundaryMap) {
+    let inverse = map.inverse().unwrap();
+    let target = map.target_surface().unwrap();
+    for (there, back, from) in [(map, &inverse, map.domain()), (&inverse, map, target)] {
+        let points = points_of(from);
+        let returned = back.evaluate(&there.evaluate_on_target(&points).unwrap());
+        let farthest = largest_distance(&there.positions(&points), &returned);
+        assert!(farthest < 1e-9 * from.diagonal(), "{farthest}");
+    }
+}
+
+/// A corner of every triangle, the middle of a side, and a point inside.
+pub fn points_of(surface: &SurfaceMesh) -> Vec<SurfacePoint> {
+    let of_triangle = |triangle: u32| {
+        [[1.0, 0.0, 0.0], [0.5, 0.0, 0.5], [0.2, 0.7, 0.1]].map(|barycentric| SurfacePoint { triangle, barycentric })
+    };
+    (0..surface.triangles().len() as u32).flat_map(of_triangle).collect()
 }

@@ -81,7 +81,8 @@ pub struct HexmeshArgs {
 /// Where the polycube of `hexmesh` comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PolycubeChoice {
-    /// The model, deformed; voxels, if the first attempt leads to no valid mesh (with two handles or more: if none does)
+    /// The model, deformed; voxels, if the first attempt leads to no valid mesh (with two handles or more: if none does), or, with one
+    /// handle at most, if its cells are poor and those by voxels better
     Auto,
     /// The model, deformed until each of its triangles lies across an axis. Any genus
     Deformed,

@@ -81,7 +81,7 @@ struct ImproveOptions {
   /// those at the start. At least 1.
   double max_distortion = 1.5;
   /// Rounds at most; each fits a harmonic map.
-  std::size_t rounds = 40;
+  std::size_t rounds = 30;
   /// Boundary error that the fits are to reach (99 % of the area, over the target's diagonal).
   double tolerance = 2e-3;
 };
@@ -155,7 +155,7 @@ class BoundaryMap {
   /// The inverse map. Throws Error (unsupported) unless the map was made by pair(), or loaded from a file of such a one.
   BoundaryMap inverse() const;
 
-  /// The images moved on the target such that the harmonic energy of the inside falls, one to one all the way. About a second per
+  /// The images moved on the target such that the harmonic energy of the inside falls, one to one all the way. Some 2 s per
   /// round for 10 000 vertices on two cores.
   /// Throws Error (invalid_input: a map given by images of vertices, which cannot slide; options out of range; cancelled).
   BoundaryMap improved(const ImproveOptions& options = {}, const ProgressCallback& progress = {},
