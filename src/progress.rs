@@ -51,8 +51,8 @@ pub enum ProgressControl {
     /// As before.
     Continue,
     /// With the best valid result so far, without further improvement. Work that has none yet goes on until it has one.
-    /// Heeded by [`fit`](crate::fit::fit), [`map_to_sphere`](crate::spherical::map_to_sphere) and
-    /// [`map_pair`](crate::boundary_map::pair::map_pair), whose reports then say so; all else continues.
+    /// Heeded by [`fit`](crate::fit::fit), [`map_to_sphere`](crate::spherical::map_to_sphere),
+    /// [`map_pair`](crate::boundary_map::pair::map_pair) and [`improve_boundary`](crate::improve::improve_boundary), whose reports then say so; all else continues.
     Conclude,
     /// Not at all: the stage returns its error `Cancelled`.
     Cancel,

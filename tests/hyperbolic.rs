@@ -1,6 +1,6 @@
 //! Maps between two solids of genus 2 and more: bijective, invertible, and from end to end.
 
-use crate::common::{assert_round_trips, models};
+use crate::common::{assert_measured_and_bijective, assert_round_trips, models, tets_of};
 use nalgebra::Rotation3;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
@@ -203,6 +203,7 @@ fn a_plate_is_mapped_fitted_and_its_cells_are_carried_into_another() {
     let carried = remesh(&boundary, &fitted.map, source, &RemeshOptions::default(), &|_| ()).unwrap();
     assert_eq!(carried.report.after.cells, [] as [u32; 0]);
     assert!((carried.report.volume / target.volume() - 1.0).abs() < 0.05);
+    assert_measured_and_bijective(&boundary, &fitted.map, tets_of(&domain, 20));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("map.safetensors");
     let file = MapFile {

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::common::{assert_round_trips, models, tets_of};
+use crate::common::{assert_measured_and_bijective, assert_round_trips, models, tets_of};
 use nalgebra::Rotation3;
 use rand::{SeedableRng, rngs::StdRng, seq::SliceRandom};
 use solidmap::boundary_map::BoundaryMap;
@@ -406,6 +406,7 @@ fn a_plate_is_mapped_fitted_certified_and_its_tetrahedra_are_carried_into_a_ring
     let nodes = fitted.map.evaluate(mesh.vertices());
     let is_inside = |p: &Point| about_tube(p)[0].hypot(about_tube(p)[1]) < 0.42;
     assert!(nodes.iter().all(is_inside));
+    assert_measured_and_bijective(&boundary, &fitted.map, mesh);
 }
 
 #[test]

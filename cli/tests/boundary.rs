@@ -389,7 +389,7 @@ fn a_boundary_map_is_improved_and_what_cannot_be_is_refused() {
     for (line, fragment) in [
         ("way.safetensors -o way.safetensors", "would be overwritten"),
         ("way.safetensors -o i.obj --max-distortion 0.9", "1 or more"),
-        ("domain.obj -o i.obj", "domain.obj"),
+        ("domain.obj -o i.obj", "`domain.obj` is a mesh"),
     ] {
         let output = place.ends_with(2, &format!("boundary improve {line}"));
         let words = text(&output.stderr);

@@ -5,12 +5,12 @@
 //! what is lowered is its sum with the symmetric Dirichlet energy of the map from surface to surface, and the first counts for more
 //! and more, until the distortion has reached its bound.
 //!
-//! 1. The energy and its derivative by the image of every vertex come from the fitted map ([`volume`]).
+//! 1. The energy and its derivative by the image of every vertex come from the fitted map.
 //! 2. The energy of a map nearby is at most that of the derivative and a quadratic form in the change `δ` of the boundary's images.
 //!    For harmonic maps the form is `∫ δ · Λ δ dA` with the Dirichlet-to-Neumann operator `Λ`, on a smooth surface the root of its
 //!    Laplacian `L` up to a smoother one. `κ + L / κ ≥ 2 √L` for any `κ`, so that masses and springs along the edges take its place.
-//! 3. Sweeps lower the sum over the places of the domain's vertices on the sphere, the flat torus or the hyperbolic surface
-//!    ([`sweep`](crate::boundary_map::sweep)): no triangle is ever inverted there.
+//! 3. Sweeps lower the sum over the places of the domain's vertices on the sphere, the flat torus or the hyperbolic surface.
+//!    No triangle is ever inverted there.
 //! 4. The new map is certified as a bijection and fitted, and replaces the one before if the energy of the volume has fallen.
 
 mod volume;
@@ -304,85 +304,61 @@ impl Improvement<'_> {
         let mut energies = vec![best.volume.harmonic];
         let form = BoundaryForm::new(domain, &best.layout);
         let points = domain.vertices();
-        // Both energies count for the same at first.
+        let area = best.layout.area_scale(points) * domain.area();
         let surface = mean_energy(&best.layout, target, points, CUTS, SOFTNESS, f64::INFINITY);
-        let first_weight = 4.0 * std::f64::consts::PI * surface / best.volume.harmonic;
-        let (mut weight, mut damping, mut in_vain, mut is_bounded) = (first_weight, 1.0, 0, false);
+        // Both energies count for the same at first.
+        let mut steps = Steps::new(area * surface / best.volume.harmonic);
         let mut sweeper = Sweeper::new(target, &best.layout, points, CUTS, SOFTNESS);
+        let most = self.options.most_distortion;
+        let is_within = |found: &Measured<L>| {
+            found.distortion <= most * start
+                && found.surface.mean_symmetric_dirichlet <= most * before.mean_symmetric_dirichlet
+        };
         let mut rounds = 0;
         let end = loop {
+            if let Some(end) = steps.end {
+                break end;
+            }
             if is_concluded.get() {
                 break ImproveEnd::Concluded;
             }
             if rounds == self.options.most_rounds {
                 break ImproveEnd::Rounds;
             }
-            let phase = ImprovePhase::Moving {
+            let moving = || match respond(ImprovePhase::Moving {
                 rounds,
                 most_rounds: self.options.most_rounds,
                 energy: best.volume.harmonic,
+            }) {
+                ProgressControl::Cancel => Err(ImproveError::from(FitError::Cancelled)),
+                ProgressControl::Continue | ProgressControl::Conclude => Ok(()),
             };
-            if respond(phase) == ProgressControl::Cancel {
-                return Err(FitError::Cancelled.into());
-            }
-            rounds += 1;
+            moving()?;
             let mut layout = best.layout.clone();
-            sweeper.proximal = Some(form.term(&best, scale, weight, weight * damping * measure.scale));
+            let of_form = steps.weight * steps.damping * measure.scale;
+            sweeper.proximal = Some(form.term(&best, scale, steps.weight, of_form));
             for _ in 0..SWEEPS {
                 sweeper.sweep(&mut layout, 0);
-                if respond(phase) == ProgressControl::Cancel {
-                    return Err(FitError::Cancelled.into());
-                }
+                moving()?;
             }
-            // Rounding may leave no bijection; then a shorter step is tried.
-            let moved = match through(&layout) {
-                Ok(map) => {
-                    let volume = measure.of(&map, &fitting)?;
-                    Some(measured(layout, map, volume)?)
-                }
-                Err(_) => None,
+            rounds += 1;
+            // Rounding may leave no bijection.
+            let Ok(map) = through(&layout) else {
+                steps.in_vain();
+                continue;
             };
-            let most = self.options.most_distortion;
-            let is_within = |found: &Measured<L>| {
-                found.distortion <= most * start
-                    && found.surface.mean_symmetric_dirichlet <= most * before.mean_symmetric_dirichlet
-            };
-            match moved {
-                Some(found) if is_within(&found) && found.volume.harmonic < best.volume.harmonic => {
-                    let decrease = 1.0 - found.volume.harmonic / best.volume.harmonic;
-                    best = found;
-                    energies.push(best.volume.harmonic);
-                    in_vain = 0;
-                    damping = (damping * LONGER).max(LEAST_DAMPING);
-                    if decrease < SMALL_DECREASE {
-                        weight *= MORE;
-                        if is_bounded {
-                            break ImproveEnd::Distortion;
-                        }
-                    }
-                }
-                Some(found) if !is_within(&found) => {
-                    is_bounded = true;
-                    in_vain += 1;
-                    weight /= MORE;
-                    damping *= SHORTER;
-                }
-                // The surface alone is made better, at the cost of the volume.
-                Some(found) if best.volume.change_to(best.map.image(), found.map.image()) > 0.0 => weight *= MORE,
-                _ => {
-                    in_vain += 1;
-                    damping *= SHORTER;
-                }
-            }
-            if in_vain == MOST_IN_VAIN {
-                break if is_bounded {
-                    ImproveEnd::Distortion
-                } else {
-                    ImproveEnd::Converged
-                };
-            }
-            if weight > MOST_WEIGHT * first_weight {
-                break ImproveEnd::Converged;
+            let volume = measure.of(&map, &fitting)?;
+            let found = measured(layout, map, volume)?;
+            if !is_within(&found) {
+                steps.too_distorted();
+            } else if found.volume.harmonic < best.volume.harmonic {
+                steps.lower(1.0 - found.volume.harmonic / best.volume.harmonic);
+                energies.push(found.volume.harmonic);
+                best = found;
+            } else if best.volume.change_to(best.map.image(), found.map.image()) > 0.0 {
+                steps.surface_alone();
+            } else {
+                steps.in_vain();
             }
         };
         let mut map = best.map;
@@ -410,6 +386,75 @@ impl Improvement<'_> {
             warnings,
         };
         Ok((map, report))
+    }
+}
+
+/// How the next step is chosen.
+struct Steps {
+    /// How much the energy of the volume counts, beside that of the surface.
+    weight: f64,
+    most_weight: f64,
+    /// Factor of the quadratic form.
+    damping: f64,
+    /// Steps in vain, one after the other.
+    vain: usize,
+    /// Whether a step has distorted the surface too much.
+    is_bounded: bool,
+    /// Why there is no next step.
+    end: Option<ImproveEnd>,
+}
+
+impl Steps {
+    fn new(weight: f64) -> Self {
+        Self {
+            weight,
+            most_weight: MOST_WEIGHT * weight,
+            damping: 1.0,
+            vain: 0,
+            is_bounded: false,
+            end: None,
+        }
+    }
+
+    /// The energy has fallen by this share.
+    fn lower(&mut self, decrease: f64) {
+        self.vain = 0;
+        self.damping = (self.damping * LONGER).max(LEAST_DAMPING);
+        if decrease < SMALL_DECREASE {
+            match self.is_bounded {
+                true => self.end = Some(ImproveEnd::Distortion),
+                false => self.count_more(),
+            }
+        }
+    }
+
+    /// The surface was made better at the cost of the volume.
+    fn surface_alone(&mut self) {
+        self.count_more();
+    }
+
+    fn count_more(&mut self) {
+        self.weight *= MORE;
+        if self.weight > self.most_weight {
+            self.end = Some(ImproveEnd::Converged);
+        }
+    }
+
+    fn too_distorted(&mut self) {
+        self.is_bounded = true;
+        self.weight /= MORE;
+        self.in_vain();
+    }
+
+    fn in_vain(&mut self) {
+        self.damping *= SHORTER;
+        self.vain += 1;
+        if self.vain == MOST_IN_VAIN {
+            self.end = Some(match self.is_bounded {
+                true => ImproveEnd::Distortion,
+                false => ImproveEnd::Converged,
+            });
+        }
     }
 }
 

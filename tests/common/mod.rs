@@ -7,11 +7,14 @@ use std::path::PathBuf;
 
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::Point;
+use solidmap::bijective::make_bijective;
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::energy::{AdaptiveOptions, EnergyOptions, adaptive_energies};
 use solidmap::fit::{Fit, FitOptions, fit};
 use solidmap::geometry::SurfaceQuery;
+use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{CellList, SurfaceMesh, SurfacePoint, TetMesh, shapes};
-use solidmap::remesh::{CellKind, CellSize, Polycube, regular_mesh};
+use solidmap::remesh::{CellKind, CellSize, Polycube, RemeshOptions, regular_mesh};
 
 /// Solids of every kind the method must handle, coarse (`level` 0) to fine.
 pub fn solids(level: u32) -> Vec<(&'static str, SurfaceMesh)> {
@@ -123,4 +126,19 @@ pub fn points_of(surface: &SurfaceMesh) -> Vec<SurfacePoint> {
         [[1.0, 0.0, 0.0], [0.5, 0.0, 0.5], [0.2, 0.7, 0.1]].map(|barycentric| SurfacePoint { triangle, barycentric })
     };
     (0..surface.triangles().len() as u32).flat_map(of_triangle).collect()
+}
+
+/// A fitted map has energies over its domain, and becomes a bijection over this mesh: points go there and back.
+pub fn assert_measured_and_bijective(boundary: &BoundaryMap, map: &HarmonicMap, mesh: TetMesh) {
+    let (options, accuracy) = (EnergyOptions::default(), AdaptiveOptions::default());
+    let energies = adaptive_energies(map, boundary.domain(), boundary.target_volume(), &options, &accuracy);
+    let (_, energies) = energies.unwrap();
+    // Of the order of an isometry, which has 3.
+    assert!((2.5..30.0).contains(&energies.harmonic), "{}", energies.harmonic);
+    assert!(energies.deformation > 0.0);
+    let made = make_bijective(boundary, map, mesh, &RemeshOptions::default(), None, &|_| {}).unwrap();
+    let points = interior_points(boundary.domain(), 2000, 5);
+    let (_, back) = made.map.preimages(&made.map.evaluate(&points));
+    assert_eq!(back.ok, 2000, "{back:?}");
+    assert!(back.round_trip_max <= 1e-12, "{back:?}");
 }

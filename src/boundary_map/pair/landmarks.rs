@@ -42,6 +42,10 @@ pub enum LandmarkError {
 }
 
 impl Landmarks {
+    pub(super) const fn none() -> Self {
+        Self { pairs: Vec::new() }
+    }
+
     /// Checks pairs against the numbers of vertices of the two surfaces.
     ///
     /// # Errors

@@ -190,23 +190,59 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
         return Err(PairError::Up);
     }
     let curves = curves::traced(&options.curves, &landmarks, &domain, &target)?;
-    let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
-        let pair = PairMapping {
-            domain: &domain,
-            target: &target,
-            landmarks: &landmarks,
-            curves: &curves,
+    let given = Given {
+        surfaces: [&domain, &target],
+        landmarks: &landmarks,
+        curves: &curves,
+        options,
+    };
+    given.mapped(progress, |pair| match options.method {
+        PairMethod::SoftTargets => pair.by_soft_targets(),
+        PairMethod::Conformal => pair.by_conformal_maps(),
+        PairMethod::FlatTori | PairMethod::HyperbolicSurface => Err(of_no_handle("domain")),
+    })
+}
+
+/// What a pair is mapped by.
+struct Given<'a> {
+    /// Domain and target.
+    surfaces: [&'a SurfaceMesh; 2],
+    landmarks: &'a Landmarks,
+    curves: &'a [curves::CurvePoint],
+    options: &'a PairOptions,
+}
+
+impl<'a> Given<'a> {
+    /// Of solids with handles there are surfaces only.
+    fn with_handles(surfaces: [&'a SurfaceMesh; 2], options: &'a PairOptions) -> Self {
+        static NONE: Landmarks = Landmarks::none();
+        Self {
+            surfaces,
+            landmarks: &NONE,
+            curves: &[],
             options,
-            begin: Instant::now(),
-            reporter,
-        };
-        match options.method {
-            PairMethod::SoftTargets => pair.by_soft_targets(),
-            PairMethod::Conformal => pair.by_conformal_maps(),
-            PairMethod::FlatTori | PairMethod::HyperbolicSurface => Err(of_no_handle("domain")),
         }
-    });
-    made.unwrap_or(Err(PairError::Cancelled))
+    }
+
+    /// Does the work on other threads, so that `progress` can cancel it.
+    fn mapped<A: ProgressResponse>(
+        &self,
+        progress: &dyn Fn(PairPhase) -> A,
+        work: impl FnOnce(PairMapping) -> Result<PairMaps, PairError> + Send,
+    ) -> Result<PairMaps, PairError> {
+        let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
+            work(PairMapping {
+                domain: self.surfaces[0],
+                target: self.surfaces[1],
+                landmarks: self.landmarks,
+                curves: self.curves,
+                options: self.options,
+                begin: Instant::now(),
+                reporter,
+            })
+        });
+        made.unwrap_or(Err(PairError::Cancelled))
+    }
 }
 
 fn of_no_handle(side: &'static str) -> PairError {
@@ -245,19 +281,7 @@ fn map_tori<A: ProgressResponse>(
     };
     require_scale(&domain).map_err(of_scale("domain"))?;
     require_scale(&target).map_err(of_scale("target"))?;
-    let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
-        let pair = PairMapping {
-            domain: &domain,
-            target: &target,
-            landmarks: &Landmarks::default(),
-            curves: &[],
-            options,
-            begin: Instant::now(),
-            reporter,
-        };
-        pair.by_tori()
-    });
-    made.unwrap_or(Err(PairError::Cancelled))
+    Given::with_handles([&domain, &target], options).mapped(progress, |pair| pair.by_tori())
 }
 
 fn map_hyperbolic_surfaces<A: ProgressResponse>(
@@ -276,19 +300,7 @@ fn map_hyperbolic_surfaces<A: ProgressResponse>(
     };
     let (domain, genus) = oriented("domain", domain)?;
     let (target, _) = oriented("target", target)?;
-    let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
-        let pair = PairMapping {
-            domain: &domain,
-            target: &target,
-            landmarks: &Landmarks::default(),
-            curves: &[],
-            options,
-            begin: Instant::now(),
-            reporter,
-        };
-        pair.by_hyperbolic_surface(genus)
-    });
-    made.unwrap_or(Err(PairError::Cancelled))
+    Given::with_handles([&domain, &target], options).mapped(progress, |pair| pair.by_hyperbolic_surface(genus))
 }
 
 /// The map of a pair, and others.

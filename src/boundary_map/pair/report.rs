@@ -197,7 +197,8 @@ pub struct PairStart {
     /// What its soft targets come from.
     pub kind: PairStartKind,
     /// The lowest mean symmetric Dirichlet energy (4 for an isometry, 100 at most in any triangle) of its embeddings when they
-    /// were last compared; protrusions of the target inside a triangle count.
+    /// were last compared; protrusions of the target inside a triangle count. Infinite for an alignment of solids with several handles
+    /// that leads to no map.
     pub energy: f64,
     /// Number of vertices that the embedding had.
     pub vertices: usize,

@@ -6,6 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::files;
 use solidmap::improve::{ImproveEnd, ImproveOptions, ImprovePhase, ImproveReport, improve_boundary};
+use solidmap::io;
 
 use super::write;
 use crate::CommandOutcome;
@@ -35,6 +36,11 @@ struct ImproveSummary {
 pub fn run(args: &BoundaryImproveArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let start = Instant::now();
     args.outputs.require_writable(&[&args.file])?;
+    anyhow::ensure!(
+        !io::is_mesh(&args.file),
+        "`{}` is a mesh; `boundary improve` takes a boundary file, as `boundary pair --boundary` writes it",
+        args.file.display()
+    );
     output.progress("reading");
     let map = files::read_boundary(&args.file)?.boundary;
     let mut options = ImproveOptions {

@@ -136,7 +136,7 @@ impl PairMapping<'_> {
         let alignments = self.alignments()?;
         let aligned = self.elapsed();
 
-        let mut ranked = self.candidates(&search, &alignments, genus)?;
+        let (mut ranked, unmapped, warnings) = self.candidates(&search, &alignments, genus)?;
         let compared = self.elapsed();
         if ranked.is_empty() {
             return Err(PairError::NoClass {
@@ -186,7 +186,7 @@ impl PairMapping<'_> {
             landmarks: 0,
             landmark_error: 0.0,
             coarse_embeddings: count,
-            starts: ranked.iter().chain(&others).map(summary).collect(),
+            starts: ranked.iter().chain(&others).map(summary).chain(unmapped).collect(),
             start: 0,
             alternatives: others
                 .iter()
@@ -219,7 +219,7 @@ impl PairMapping<'_> {
                 total: self.elapsed(),
             },
             concluded: self.reporter.should_conclude(),
-            warnings: vec![],
+            warnings,
         };
         Ok(PairMaps {
             map,
@@ -241,35 +241,52 @@ impl PairMapping<'_> {
         Ok(found.best.iter().map(as_start).collect())
     }
 
-    /// Layouts of the domain by the closest points of each alignment, those that lead to a map, best first.
+    /// Layouts of the domain by the closest points of each alignment, those that lead to a map, best first; the alignments that do not;
+    /// and warnings.
     fn candidates(
         &self,
         search: &Search,
         alignments: &[(Similarity, PairStartKind)],
         genus: usize,
-    ) -> Result<Vec<Candidate>, PairError> {
+    ) -> Result<(Vec<Candidate>, Vec<PairStart>, Vec<String>), PairError> {
         let from = AlignmentSurface::new(self.domain, "domain")?;
         let to = AlignmentSurface::new(self.target, "target")?;
         let paths = TargetPaths::new(&search.target.embedding);
         let meridians = Meridians::new(self.domain, &search.target.embedding);
+        let warnings = match meridians {
+            Some(_) => vec![],
+            None => vec![
+                "which loops bound a disk in the solids is not known, as of surfaces that pass through themselves: loops of one solid that \
+                 do may go to loops of the other that do not"
+                    .into(),
+            ],
+        };
         let mut found: Vec<Candidate> = Vec::new();
+        let mut unmapped = Vec::new();
         for (done, (similarity, kind)) in alignments.iter().enumerate() {
             self.report(PairPhase::CoarseEmbeddings {
                 vertices: COMPARED_VERTICES * genus,
                 done,
                 of: alignments.len(),
             })?;
-            let targets = vertex_targets(&from, &to, similarity);
-            let places: Vec<_> = targets.into_iter().map(|target| target.map(|t| t.place)).collect();
-            let Some((rings, starts)) = paths.lifted(self.domain, &places) else {
+            let laid = || {
+                let targets = vertex_targets(&from, &to, similarity);
+                let places: Vec<_> = targets.into_iter().map(|target| target.map(|t| t.place)).collect();
+                let (rings, starts) = paths.lifted(self.domain, &places)?;
+                if meridians.as_ref().is_some_and(|meridians| !meridians.are_kept(&rings)) {
+                    return None;
+                }
+                let group = search.target.embedding.group().clone();
+                HyperbolicLayout::collapsed(group, rings, starts, search.domain.hierarchy()).ok()
+            };
+            let Some(mut layout) = laid() else {
+                unmapped.push(PairStart {
+                    kind: *kind,
+                    energy: f64::INFINITY,
+                    vertices: 0,
+                });
                 continue;
             };
-            if meridians.as_ref().is_some_and(|meridians| !meridians.are_kept(&rings)) {
-                continue;
-            }
-            let group = search.target.embedding.group().clone();
-            let laid = HyperbolicLayout::collapsed(group, rings, starts, search.domain.hierarchy());
-            let Ok(mut layout) = laid else { continue };
             let first = Effort {
                 cuts: 2,
                 softness: COARSE_SOFTNESS,
@@ -318,7 +335,7 @@ impl PairMapping<'_> {
         };
         found[..again].par_iter_mut().for_each(refine);
         found[..again].sort_by(|a, b| a.energy.total_cmp(&b.energy));
-        Ok(found)
+        Ok((found, unmapped, warnings))
     }
 
     /// A candidate with the rest of the vertices, its distortion lowered or as it comes.
@@ -334,11 +351,12 @@ impl PairMapping<'_> {
             let vertices = layout.inserted.len();
             if improve && self.reporter.should_improve() {
                 search.optimise(layout, &effort(vertices));
+                let energy = mean_energy(layout, &search.target, points, 1, FINE_SOFTNESS, MOST_COMPARED);
                 // A cancellation takes effect at the next level.
                 let _ = self.report(PairPhase::Refining {
                     vertices,
                     total: points.len(),
-                    energy: super::ISOMETRY_ENERGY * coarse.energy,
+                    energy: super::ISOMETRY_ENERGY * energy,
                 });
             }
         });
