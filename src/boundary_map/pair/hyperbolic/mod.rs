@@ -89,6 +89,15 @@ struct Candidate {
     energy: f64,
 }
 
+/// What the alignments led to.
+struct Candidates {
+    /// Best first.
+    ranked: Vec<Candidate>,
+    /// Alignments that lead to no map.
+    unmapped: Vec<PairStart>,
+    warnings: Vec<String>,
+}
+
 /// What the layouts of a search have in common.
 struct Search {
     domain: HyperbolicSurface,
@@ -136,7 +145,11 @@ impl PairMapping<'_> {
         let alignments = self.alignments()?;
         let aligned = self.elapsed();
 
-        let (mut ranked, unmapped, warnings) = self.candidates(&search, &alignments, genus)?;
+        let Candidates {
+            mut ranked,
+            unmapped,
+            warnings,
+        } = self.candidates(&search, &alignments, genus)?;
         let compared = self.elapsed();
         if ranked.is_empty() {
             return Err(PairError::NoClass {
@@ -241,14 +254,13 @@ impl PairMapping<'_> {
         Ok(found.best.iter().map(as_start).collect())
     }
 
-    /// Layouts of the domain by the closest points of each alignment, those that lead to a map, best first; the alignments that do not;
-    /// and warnings.
+    /// Layouts of the domain by the closest points of each alignment.
     fn candidates(
         &self,
         search: &Search,
         alignments: &[(Similarity, PairStartKind)],
         genus: usize,
-    ) -> Result<(Vec<Candidate>, Vec<PairStart>, Vec<String>), PairError> {
+    ) -> Result<Candidates, PairError> {
         let from = AlignmentSurface::new(self.domain, "domain")?;
         let to = AlignmentSurface::new(self.target, "target")?;
         let paths = TargetPaths::new(&search.target.embedding);
@@ -335,7 +347,11 @@ impl PairMapping<'_> {
         };
         found[..again].par_iter_mut().for_each(refine);
         found[..again].sort_by(|a, b| a.energy.total_cmp(&b.energy));
-        Ok((found, unmapped, warnings))
+        Ok(Candidates {
+            ranked: found,
+            unmapped,
+            warnings,
+        })
     }
 
     /// A candidate with the rest of the vertices, its distortion lowered or as it comes.
