@@ -333,6 +333,7 @@ class PairReport(Report):
     after: Dict[str, Any]
     isometry_defect: Optional[float]
     nearer_isometry: Optional[Dict[str, Any]]
+    is_reversed: bool
     stretch: Dict[str, Any]
     seconds: Dict[str, float]
     concluded: bool

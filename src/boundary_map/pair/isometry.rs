@@ -35,6 +35,14 @@ pub(super) struct Quality {
     pub isometry_defect: Option<f64>,
 }
 
+/// Maps with larger defects are of different bodies, and no worse for it.
+const MOST_OF_POSES: f64 = 0.12;
+
+/// Whether a map between poses of a body, by its defect, has a part out of its place.
+pub(super) fn is_off(defect: f64) -> bool {
+    (SMALL_DEFECT..MOST_OF_POSES).contains(&defect)
+}
+
 impl Quality {
     /// What maps are compared by, the less the better: the energy, more for those that are far from an isometry.
     pub fn rating(&self) -> f64 {

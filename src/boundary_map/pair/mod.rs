@@ -197,7 +197,7 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
         options,
     };
     given.mapped(progress, |pair| match options.method {
-        PairMethod::SoftTargets => pair.by_soft_targets(),
+        PairMethod::SoftTargets => pair.by_soft_targets_both_ways(),
         PairMethod::Conformal => pair.by_conformal_maps(),
         PairMethod::FlatTori | PairMethod::HyperbolicSurface => Err(of_no_handle("domain")),
     })
@@ -327,6 +327,57 @@ struct PairMapping<'a> {
 }
 
 impl PairMapping<'_> {
+    /// As [`Self::by_soft_targets`]; where that ends [off](isometry::is_off) an isometry, a map is sought the other way, too, and the less
+    /// distorted one is taken. The search finds a way out of other minima from either side.
+    fn by_soft_targets_both_ways(&self) -> Result<PairMaps, PairError> {
+        let mut made = self.by_soft_targets()?;
+        let is_free = self.landmarks.pairs().is_empty()
+            && self.curves.is_empty()
+            && self.options.start.is_none()
+            && !self.options.aligned
+            && self.options.improve;
+        if !is_free || !self.reporter.should_improve() || !made.report.isometry_defect.is_some_and(isometry::is_off) {
+            return Ok(made);
+        }
+        let options = PairOptions {
+            up: self.options.up.map(|[domain, target]| [target, domain]),
+            alternatives: 0,
+            ..self.options.clone()
+        };
+        let back = PairMapping {
+            domain: self.target,
+            target: self.domain,
+            options: &options,
+            ..*self
+        };
+        let found = match back.by_soft_targets() {
+            Err(PairError::Cancelled) => return Err(PairError::Cancelled),
+            found => found.ok(),
+        };
+        if let Some((map, report)) = found.and_then(|found| Some((found.map.inverse()?, found.report)))
+            && let Some(after) = distortion(&map)
+            && let Some(stretch) = Stretch::of(&map, self.options.most_stretched)
+            && product_of_quantiles(&after) < product_of_quantiles(&made.report.after)
+        {
+            made.map = map;
+            made.report = PairReport {
+                is_reversed: true,
+                after,
+                stretch,
+                isometry_defect: report.isometry_defect,
+                nearer_isometry: report.nearer_isometry,
+                warnings: report.warnings,
+                ..made.report
+            };
+        }
+        let timings = &mut made.report.timings;
+        let total = self.elapsed();
+        timings.reversed = total - timings.total;
+        timings.total = total;
+        made.report.concluded = self.reporter.should_conclude();
+        Ok(made)
+    }
+
     fn by_soft_targets(&self) -> Result<PairMaps, PairError> {
         let target = self.target_embedding()?;
         let locator = Locator::new(&target);
@@ -433,12 +484,14 @@ impl PairMapping<'_> {
             after,
             isometry_defect: of_map,
             nearer_isometry: nearer,
+            is_reversed: false,
             stretch,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
                 coarse: compared - align,
                 improve: improved - compared,
+                reversed: 0.0,
                 total: self.elapsed(),
             },
             concluded,
@@ -642,12 +695,14 @@ impl PairMapping<'_> {
             after,
             isometry_defect: None,
             nearer_isometry: None,
+            is_reversed: false,
             stretch,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
                 coarse: 0.0,
                 improve: improved - align,
+                reversed: 0.0,
                 total: self.elapsed(),
             },
             concluded,
@@ -890,11 +945,13 @@ fn summaries(starts: &[Start], ranked: &[RankedEmbedding]) -> Vec<PairStart> {
 /// and it may trade one part of the surface for another. Compared by the mean, or by the product of three quantiles: a few
 /// triangles across narrow limbs may dominate the mean, and one quantile alone does not see what lies above it.
 fn is_lower(after: &SurfaceDistortion, before: &SurfaceDistortion) -> bool {
-    let product = |of: &SurfaceDistortion| {
-        let quantiles = of.symmetric_dirichlet;
-        quantiles.p50 * quantiles.p90 * quantiles.p99
-    };
-    product(after) <= product(before) || after.mean_symmetric_dirichlet <= before.mean_symmetric_dirichlet
+    product_of_quantiles(after) <= product_of_quantiles(before)
+        || after.mean_symmetric_dirichlet <= before.mean_symmetric_dirichlet
+}
+
+fn product_of_quantiles(of: &SurfaceDistortion) -> f64 {
+    let quantiles = of.symmetric_dirichlet;
+    quantiles.p50 * quantiles.p90 * quantiles.p99
 }
 
 /// Distortion of the map itself rather than of straight triangles: over triangles cut into four, whose new vertices go

@@ -109,6 +109,9 @@ pub struct PairReport {
     /// A correspondence by intrinsic shape that is clearly nearer to an isometry than the map and takes the surface elsewhere:
     /// then limbs are probably on wrong limbs.
     pub nearer_isometry: Option<NearerIsometry>,
+    /// Whether the map was sought from the target to the domain: what is said of starts, schedules and other maps, and `before`, are of
+    /// the search the other way, whose map had more distortion.
+    pub is_reversed: bool,
     /// How much of the domain is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
     /// Wall time by phase.
@@ -229,6 +232,8 @@ pub struct PairTimings {
     pub coarse: f64,
     /// Refinement and optimisation of the best embedding.
     pub improve: f64,
+    /// The search from the target to the domain, where there was one.
+    pub reversed: f64,
     /// All phases.
     pub total: f64,
 }

@@ -177,12 +177,16 @@ fn summary(report: &PairSummary) -> String {
     let seconds = pair.timings;
     let method = match (pair.method, pair.schedule) {
         (PairMethod::SoftTargets, Some(schedule)) => format!(
-            "the best of {} coarse embeddings from {} starts: {}, soft targets of weight {} up to {} vertices",
+            "the best of {} coarse embeddings from {} starts: {}, soft targets of weight {} up to {} vertices{}",
             pair.coarse_embeddings,
             pair.starts.len(),
             pair.starts.get(pair.start).map_or("", |start| start_words(start.kind)),
             schedule.strength,
-            schedule.until_vertices
+            schedule.until_vertices,
+            match pair.is_reversed {
+                true => "; but by a search from the target to the domain, which ended with less distortion",
+                false => "",
+            }
         ),
         (PairMethod::FlatTori, _) => torus_method(pair),
         (PairMethod::HyperbolicSurface, _) => hyperbolic_method(pair),
@@ -253,7 +257,7 @@ fn summary(report: &PairSummary) -> String {
     rows.push([
         "time".into(),
         format!(
-            "{:.1} s: {} {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}",
+            "{:.1} s: {} {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}{}",
             seconds.total,
             match pair.method {
                 PairMethod::FlatTori => "tori",
@@ -263,7 +267,11 @@ fn summary(report: &PairSummary) -> String {
             seconds.sphere,
             seconds.align,
             seconds.coarse,
-            seconds.improve
+            seconds.improve,
+            match seconds.reversed > 0.0 {
+                true => format!(", the other way {:.1}", seconds.reversed),
+                false => String::new(),
+            }
         ),
     ]);
     rows.push(memory_row(report.peak_rss_bytes));

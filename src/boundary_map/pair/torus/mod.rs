@@ -200,6 +200,7 @@ impl PairMapping<'_> {
             before: distortions[0],
             isometry_defect: None,
             nearer_isometry: None,
+            is_reversed: false,
             after: distortions[1],
             stretch,
             timings: PairTimings {
@@ -207,6 +208,7 @@ impl PairMapping<'_> {
                 align: 0.0,
                 coarse: compared - laid,
                 improve: improved - compared,
+                reversed: 0.0,
                 total: self.elapsed(),
             },
             concluded: self.reporter.should_conclude(),
