@@ -327,8 +327,8 @@ struct PairMapping<'a> {
 }
 
 impl PairMapping<'_> {
-    /// As [`Self::by_soft_targets`]; where that ends [off](isometry::is_off) an isometry, a map is sought the other way, too, and the less
-    /// distorted one is taken. The search finds a way out of other minima from either side.
+    /// As [`Self::by_soft_targets`]; where that ends [off](isometry::is_off) an isometry, a map is sought the other way, too, and the better
+    /// one is taken. Either search gets stuck at other minima.
     fn by_soft_targets_both_ways(&self) -> Result<PairMaps, PairError> {
         let mut made = self.by_soft_targets()?;
         let is_free = self.landmarks.pairs().is_empty()
@@ -357,7 +357,7 @@ impl PairMapping<'_> {
         if let Some((map, report)) = found.and_then(|found| Some((found.map.inverse()?, found.report)))
             && let Some(after) = distortion(&map)
             && let Some(stretch) = Stretch::of(&map, self.options.most_stretched)
-            && product_of_quantiles(&after) < product_of_quantiles(&made.report.after)
+            && rating(&after, report.isometry_defect) < rating(&made.report.after, made.report.isometry_defect)
         {
             made.map = map;
             made.report = PairReport {
@@ -947,6 +947,16 @@ fn summaries(starts: &[Start], ranked: &[RankedEmbedding]) -> Vec<PairStart> {
 fn is_lower(after: &SurfaceDistortion, before: &SurfaceDistortion) -> bool {
     product_of_quantiles(after) <= product_of_quantiles(before)
         || after.mean_symmetric_dirichlet <= before.mean_symmetric_dirichlet
+}
+
+/// What maps of a pair are compared by, as [`Quality`] says: quantiles of the distortion in place of the mean, which single triangles rule.
+fn rating(of: &SurfaceDistortion, isometry_defect: Option<f64>) -> f64 {
+    let energy = product_of_quantiles(of).cbrt();
+    Quality {
+        energy,
+        isometry_defect,
+    }
+    .rating()
 }
 
 fn product_of_quantiles(of: &SurfaceDistortion) -> f64 {

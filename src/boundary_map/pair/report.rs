@@ -110,7 +110,7 @@ pub struct PairReport {
     /// then limbs are probably on wrong limbs.
     pub nearer_isometry: Option<NearerIsometry>,
     /// Whether the map was sought from the target to the domain: what is said of starts, schedules and other maps, and `before`, are of
-    /// the search the other way, whose map had more distortion.
+    /// the search the other way, whose map was worse.
     pub is_reversed: bool,
     /// How much of the domain is stretched so far that the map is probably wrong.
     pub stretch: Stretch,

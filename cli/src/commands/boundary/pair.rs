@@ -184,7 +184,7 @@ fn summary(report: &PairSummary) -> String {
             schedule.strength,
             schedule.until_vertices,
             match pair.is_reversed {
-                true => "; but by a search from the target to the domain, which ended with less distortion",
+                true => "; but by a search from the target to the domain, which ended better",
                 false => "",
             }
         ),
