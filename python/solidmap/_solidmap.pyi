@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Boundary",
+    "boundary_improve",
     "boundary_pair",
     "boundary_sphere",
     "compare",
