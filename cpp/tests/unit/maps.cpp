@@ -352,7 +352,8 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
 }
 
 TEST_CASE("the energy of the inside falls as the images of a map to the sphere are moved") {
-  const Surface bar = shapes::polycube({{0, 0, 0}, {1, 0, 0}}, 4);
+  const std::vector<std::array<std::int32_t, 3>> cubes = {{0, 0, 0}, {1, 0, 0}};
+  const Surface bar = shapes::polycube(cubes, 4);
   const BoundaryMap map = BoundaryMap::to_sphere(bar);
   ImproveOptions options;
   options.rounds = 4;
