@@ -203,7 +203,7 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
     })
 }
 
-/// What a pair is mapped by.
+/// The checked inputs of a pair.
 struct Given<'a> {
     /// Domain and target.
     surfaces: [&'a SurfaceMesh; 2],
@@ -213,7 +213,7 @@ struct Given<'a> {
 }
 
 impl<'a> Given<'a> {
-    /// Of solids with handles there are surfaces only.
+    /// For solids with handles, which take no landmarks or landmark curves.
     fn with_handles(surfaces: [&'a SurfaceMesh; 2], options: &'a PairOptions) -> Self {
         static NONE: Landmarks = Landmarks::none();
         Self {
