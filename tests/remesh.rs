@@ -68,6 +68,7 @@ const UNREPAIRED: RemeshOptions = RemeshOptions {
     most_added: None,
     effort: DEFAULT_EFFORT,
     slide: true,
+    keep_boundary_map: false,
     polish: 0,
     polish_valid: false,
     memory: None,
@@ -1247,4 +1248,44 @@ fn repairs_do_not_depend_on_the_number_of_threads() {
         found.images
     };
     assert_eq!(images(1), images(3));
+}
+
+/// A cube onto an ellipsoid with a full turn of its top: chords between the nodes of a coarse grid cut through the inside.
+#[test]
+fn a_grid_that_the_boundary_map_spoils_is_carried_by_another_one() {
+    let domain = shapes::cube(1.0, 16);
+    let turned = |p: &Point| {
+        let (sin, cos) = (std::f64::consts::TAU * p.z).sin_cos();
+        let q = Vector::new(cos * p.x - sin * p.y, sin * p.x + cos * p.y, p.z).normalize();
+        Point::new(q.x, 1.3 * q.y, 1.6 * q.z)
+    };
+    let images: Vec<Point> = domain.vertices().iter().map(turned).collect();
+    let boundary = BoundaryMap::new(domain, images).unwrap();
+    for kind in KINDS {
+        let given = RemeshOptions {
+            keep_boundary_map: true,
+            ..RemeshOptions::default()
+        };
+        let kept = run_with(&boundary, &Formula(turned), grid(kind, 4), &given);
+        assert_eq!(kept.report.other_boundary, None);
+        let found = run(&boundary, &Formula(turned), grid(kind, 4));
+        assert_eq!(found.report.after.inverted, 0, "{kind:?}");
+        assert!(kept.report.after.inverted > 0, "{kind:?}: the test shows nothing");
+        let other = found.report.other_boundary.unwrap();
+        assert!(0.0 < other.mean_shift && other.mean_shift <= other.largest_shift && other.largest_shift <= 1.0);
+        // The nodes are on the target all the same.
+        assert!(
+            found.report.mesh_to_target.mean < 0.05,
+            "{:?}",
+            found.report.mesh_to_target
+        );
+        let repeated = run(&boundary, &Formula(turned), grid(kind, 4));
+        assert_eq!(repeated.images, found.images);
+        let fixed = RemeshOptions {
+            slide: false,
+            ..RemeshOptions::default()
+        };
+        let fixed = run_with(&boundary, &Formula(turned), grid(kind, 4), &fixed);
+        assert_eq!(fixed.report.other_boundary, None);
+    }
 }

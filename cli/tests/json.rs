@@ -4,8 +4,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
-use solidmap::Point;
 use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::{Point, Vector};
 
 use crate::common::bent;
 use crate::workplace::{Workplace, json, write_impossible_stairs, write_turned_boxes};
@@ -158,6 +158,15 @@ fn place() -> Workplace {
         "needle.ply",
         &shapes::deformed(&cube, |p| Point::new(0.02 * p.x, 0.02 * p.y, p.z)),
     );
+    // Its top turns once about its axis: too far from node to node of a coarse grid.
+    let fine = shapes::cube(1.0, 16);
+    place.surface("fine.ply", &fine);
+    let turned = |p: &Point| {
+        let (sin, cos) = (std::f64::consts::TAU * p.z).sin_cos();
+        let q = Vector::new(cos * p.x - sin * p.y, sin * p.x + cos * p.y, p.z).normalize();
+        Point::new(q.x, 1.3 * q.y, 1.6 * q.z)
+    };
+    place.surface("turned.ply", &shapes::deformed(&fine, turned));
     let ball = shapes::sphere(1.0, 2);
     place.surface("ball.ply", &ball);
     let ring = shapes::torus(1.0, 0.4, 16, 8);
@@ -315,6 +324,8 @@ fn every_field_of_a_report_is_documented_and_written() {
             "remesh folded.map --mesh ball.vtu -o r.vtu --png r.png --html r.html",
         ),
         ("remesh", "remesh cube.map --cells 64 -o r.vtu --domain-mesh rd.vtu"),
+        ("fit", "fit fine.ply --image turned.ply -o turned.map --no-refine"),
+        ("remesh", "remesh turned.map --cells 4 -o r.vtu"),
         (
             "texture",
             "texture uv.obj --checker=4 -o v.vti --png v.png --map v.safetensors --at at.csv --colours c.csv --resolution 16",

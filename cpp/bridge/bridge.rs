@@ -323,6 +323,7 @@ pub(super) mod ffi {
     struct RemeshOptions {
         repair: bool,
         slide: bool,
+        keep_boundary_map: bool,
         polish: usize,
         polish_valid: bool,
         most_added: usize,
@@ -343,6 +344,9 @@ pub(super) mod ffi {
         target_to_mesh_mean: f64,
         volume: f64,
         target_volume: f64,
+        other_boundary: bool,
+        other_boundary_mean: f64,
+        other_boundary_largest: f64,
         largest_shift: f64,
         slid_nodes: usize,
         largest_slide: f64,

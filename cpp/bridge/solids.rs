@@ -195,6 +195,7 @@ pub fn remesh_options(options: &ffi::RemeshOptions) -> RemeshOptions {
     RemeshOptions {
         repair: options.repair,
         slide: options.slide,
+        keep_boundary_map: options.keep_boundary_map,
         most_added: (options.most_added != usize::MAX).then_some(options.most_added),
         effort: options.effort,
         polish: options.polish,
@@ -208,6 +209,7 @@ pub fn remesh_for_cpp(options: &RemeshOptions) -> ffi::RemeshOptions {
     ffi::RemeshOptions {
         repair: options.repair,
         slide: options.slide,
+        keep_boundary_map: options.keep_boundary_map,
         polish: options.polish,
         polish_valid: options.polish_valid,
         most_added: options.most_added.unwrap_or(usize::MAX),
@@ -220,6 +222,7 @@ pub fn on_remesh_phase(watcher: &Watcher, phase: RemeshPhase) -> ControlFlow<()>
     let (step, detail) = match phase {
         RemeshPhase::Meshing => ("meshing", String::new()),
         RemeshPhase::Mapping { nodes } => ("mapping", format!("{nodes} nodes")),
+        RemeshPhase::MappingBoundary => ("mapping boundary", String::new()),
         RemeshPhase::Repairing { round, inverted } => {
             ("repairing", format!("round {round}, {inverted} cells inverted"))
         }
@@ -251,6 +254,9 @@ impl RemeshResult {
                 target_to_mesh_mean: report.target_to_mesh.mean,
                 volume: report.volume,
                 target_volume: report.target_volume,
+                other_boundary: report.other_boundary.is_some(),
+                other_boundary_mean: report.other_boundary.map_or(0.0, |other| other.mean_shift),
+                other_boundary_largest: report.other_boundary.map_or(0.0, |other| other.largest_shift),
                 largest_shift: report.largest_shift,
                 slid_nodes: report.slid_nodes,
                 largest_slide: report.largest_slide,

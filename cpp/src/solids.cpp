@@ -44,6 +44,7 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 ffi::RemeshOptions detail::for_rust(const RemeshOptions& options) {
   return {options.repair,
           options.slide,
+          options.keep_boundary_map,
           options.polish,
           options.polish_valid,
           options.most_added.value_or(std::numeric_limits<std::size_t>::max()),
@@ -55,6 +56,7 @@ RemeshOptions detail::converted(const ffi::RemeshOptions& from) {
   RemeshOptions options;
   options.repair = from.repair;
   options.slide = from.slide;
+  options.keep_boundary_map = from.keep_boundary_map;
   options.polish = from.polish;
   options.polish_valid = from.polish_valid;
   if (from.most_added != std::numeric_limits<std::size_t>::max()) options.most_added = from.most_added;
@@ -78,6 +80,9 @@ Remeshed detail::converted(const ffi::RemeshResult& remeshed) {
   report.target_to_mesh_mean = found.target_to_mesh_mean;
   report.volume = found.volume;
   report.target_volume = found.target_volume;
+  if (found.other_boundary) {
+    report.other_boundary = OtherBoundary{found.other_boundary_mean, found.other_boundary_largest};
+  }
   report.largest_shift = found.largest_shift;
   report.slid_nodes = found.slid_nodes;
   report.largest_slide = found.largest_slide;

@@ -387,6 +387,7 @@ class Map:
         mesh: Optional[CellsLike] = None,
         cells: int = 32,
         cell_size: Optional[float] = None,
+        keep_boundary_map: bool = False,
         no_repair: bool = False,
         polish: Optional[int] = None,
         worst: int = 5,
@@ -405,6 +406,9 @@ class Map:
             Cells along the longest side of the domain.
         cell_size : float, optional
             Size of the cells, in the units of the domain.
+        keep_boundary_map : bool
+            Stay on the boundary map of the map. Otherwise, where a regular mesh cannot be repaired under it, one of less
+            distortion is sought, and taken if the mesh is better under it (``report.other_boundary``).
         no_repair : bool
             Leave all nodes where the map puts them.
         polish : int, optional
@@ -443,6 +447,7 @@ class Map:
             no_repair=no_repair,
             polish=polish,
             worst=worst,
+            keep_boundary_map=keep_boundary_map,
         )
         given = None if mesh is None else inputs.cells("mesh", mesh)
         with shown(progress) as callback:

@@ -213,6 +213,7 @@ def carried(
     no_repair: bool,
     polish: Optional[int],
     worst: int,
+    keep_boundary_map: bool = False,
 ) -> Dict[str, Any]:
     """All options of a carried mesh, for the native module."""
     repair = _merged(REPAIR_DEFAULTS, given, call)
@@ -223,6 +224,7 @@ def carried(
         "no_repair": flag("no_repair", no_repair),
         "polish": optional(count, "polish", polish),
         "fix_boundary": flag("fix_boundary", repair["fix_boundary"]),
+        "keep_boundary_map": flag("keep_boundary_map", keep_boundary_map),
         "split_stuck": off_or_count("split_stuck", repair["split_stuck"]),
         "effort": number("effort", repair["effort"]),
         "max_cells": count("max_cells", repair["max_cells"]),

@@ -30,6 +30,7 @@ pub struct RemeshArguments {
     pub no_repair: bool,
     pub polish: Option<usize>,
     pub fix_boundary: bool,
+    pub keep_boundary_map: bool,
     pub split_stuck: Option<usize>,
     pub effort: f64,
     pub max_cells: usize,
@@ -57,6 +58,7 @@ impl RemeshArguments {
         RemeshOptions {
             repair: !self.no_repair,
             slide: !self.fix_boundary,
+            keep_boundary_map: self.keep_boundary_map,
             most_added: self.split_stuck,
             effort: self.effort,
             polish: self.polish.unwrap_or(RemeshOptions::default().polish),
@@ -70,6 +72,7 @@ pub fn remesh_step(phase: RemeshPhase) -> Step {
     match phase {
         RemeshPhase::Meshing => step("meshing"),
         RemeshPhase::Mapping { nodes } => step(&format!("mapping {nodes} nodes")),
+        RemeshPhase::MappingBoundary => step("mapping boundary"),
         RemeshPhase::Repairing { round, inverted } => {
             of("repairing", None, format!("round {round}, {inverted} cells inverted"))
         }

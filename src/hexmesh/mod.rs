@@ -399,7 +399,12 @@ fn carried(
         size,
         most_cells: options.most_cells,
     };
-    let remeshed = remesh(boundary, &fitted.map, source, &options.remesh, &|phase| {
+    // Another polycube is better than a boundary map that knows nothing of its charts.
+    let remesh_options = RemeshOptions {
+        keep_boundary_map: true,
+        ..options.remesh
+    };
+    let remeshed = remesh(boundary, &fitted.map, source, &remesh_options, &|phase| {
         progress(HexmeshPhase::Remeshing(phase))
     })?;
     Ok((fitted, remeshed))

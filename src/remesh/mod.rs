@@ -18,6 +18,7 @@ mod hex_polish;
 mod inversion_causes;
 mod jacobian_lanes;
 pub(crate) mod lbfgs;
+mod other_boundary;
 mod own_size;
 mod patches;
 mod planes;
@@ -43,7 +44,7 @@ use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::memory::readable;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
-use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
+use crate::progress::{ProgressControl, ProgressResponse, ProgressSender, run_cancellable};
 use crate::statistics::quantiles;
 
 pub use boundary_split::BoundarySplitReport;
@@ -55,6 +56,8 @@ pub(crate) use crossings::crossing_triangles;
 pub use given::{GivenMesh, GivenMeshError, given_mesh};
 pub use grid::{CellKind, CellSize, cell_count, grid_points, regular_mesh};
 pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
+pub use other_boundary::OtherBoundary;
+use other_boundary::{less_distorted, nodes_mapped_by};
 pub(crate) use patches::local_volumes;
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
@@ -93,6 +96,10 @@ pub struct RemeshOptions {
     /// hexahedra; and whether the boundary of a regular mesh is split (tetrahedra) or relaxed where it passes through
     /// itself.
     pub slide: bool,
+    /// Whether a regular mesh stays on the given boundary map. Otherwise, where it cannot be repaired under that and `slide` allows, a
+    /// boundary map of less distortion is sought ([`map_pair`](crate::boundary_map::pair::map_pair)), and taken if the mesh is
+    /// better under it ([`RemeshReport::other_boundary`]).
+    pub keep_boundary_map: bool,
     /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. `None`
     /// for a third of those that the mesh has, and 5000. Half of it may be used up at the boundary of
     /// a regular mesh, where much splitting comes before moving nodes only if a number is given.
@@ -115,6 +122,12 @@ pub struct RemeshOptions {
 /// Tetrahedra that splitting may add to any mesh, however small.
 const ROOM_TO_SPLIT: usize = 5000;
 
+/// Share of the boundary's triangles, in pairs that pass through each other as mapped, from which a regular mesh seldom can be repaired
+/// under its boundary map: of six grids of 16 to 48 cells from a cube to VOLMAP's bunny, which are above it, the two with 16 cells could.
+const MOST_CROSSING: f64 = 0.01;
+/// Part of the effort that is made under such a boundary map before another one is sought.
+const EFFORT_IF_HOPELESS: f64 = 0.1;
+
 /// Volume of a target over the cube of its diagonal below which its sign may be a rounding error.
 const LEAST_VOLUME: f64 = 1e-12;
 
@@ -128,6 +141,7 @@ impl Default for RemeshOptions {
         Self {
             repair: true,
             slide: true,
+            keep_boundary_map: false,
             most_added: None,
             effort: DEFAULT_EFFORT,
             polish: 200,
@@ -147,6 +161,8 @@ pub enum RemeshPhase {
         /// How many.
         nodes: usize,
     },
+    /// A boundary map of less distortion is sought: under the given one, a regular grid cannot be repaired.
+    MappingBoundary,
     /// Inverted cells are repaired.
     Repairing {
         /// Rounds so far.
@@ -247,6 +263,9 @@ pub struct RemeshReport {
     pub cell_size: Option<f64>,
     /// Largest distance of a given mesh's boundary nodes from the domain's surface, over its diagonal.
     pub off_surface: f64,
+    /// How far the boundary map that was taken is from the given one: under that, a regular grid could not be repaired. What is said
+    /// of the mesh as mapped, and of boundary nodes that slid, is from the one that was taken.
+    pub other_boundary: Option<OtherBoundary>,
     /// Causes of inversion as long as the boundary stays as it is mapped and no cell is split.
     pub causes_before: InversionCauses,
     /// Invalid cells after mapping, before the repair, by the indices that cells had then.
@@ -329,15 +348,24 @@ pub fn remesh<A: ProgressResponse>(
         ControlFlow::Break(()) => Err(RemeshError::Cancelled),
     };
     report(RemeshPhase::Meshing)?;
-    let mut prepared = prepare(source, boundary, options)?;
+    let prepared = prepare(source, boundary, options)?;
     let meshed = start.elapsed().as_secs_f64();
 
     report(RemeshPhase::Mapping {
         nodes: prepared.mesh.nodes.len(),
     })?;
-    let mut carried = mapped_nodes(&prepared.mesh, boundary, map)?;
+    let carried = mapped_nodes(&prepared.mesh, boundary, map)?;
     let mapped = start.elapsed().as_secs_f64();
 
+    let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
+    let run = Run {
+        boundary,
+        map,
+        target: &target,
+        is_regular: prepared.cell_size.is_some(),
+        options,
+        progress: &|phase| progress(phase).control(),
+    };
     let as_mapped = AsMapped::of(&prepared.mesh, &carried);
     let most_are_inverted = 2 * as_mapped.invalid.cells.len() > prepared.mesh.cells.len();
     if options.repair
@@ -346,23 +374,15 @@ pub fn remesh<A: ProgressResponse>(
     {
         return Err(RemeshError::Mirrored);
     }
-    let unsplit_boundary = prepared.mesh.boundary.clone();
-    let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
-    let (images, repair) = if options.repair {
-        let is_regular = prepared.cell_size.is_some();
-        let on_round = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control();
-        run_cancellable(&on_round, |monitor| {
-            let mesh = &mut prepared.mesh;
-            repaired(mesh, &mut carried, is_regular, boundary, &target, options, monitor)
-        })
-        .unwrap_or(Err(RemeshError::Cancelled))?
-    } else {
-        (carried.clone(), RepairReport::default())
+    let attempt = Attempt::unrepaired(prepared.mesh.clone(), carried, as_mapped);
+    let attempt = match options.repair {
+        true => run.repaired(attempt)?,
+        false => attempt,
     };
     let repaired = start.elapsed().as_secs_f64();
 
     report(RemeshPhase::Verifying)?;
-    let mut remeshed = verified(prepared, as_mapped, carried, images, boundary, &target, repair)?;
+    let mut remeshed = verified(&prepared, attempt, boundary, &target)?;
     let total = start.elapsed().as_secs_f64();
     remeshed.report.seconds = RemeshTimings {
         mesh: meshed,
@@ -372,7 +392,7 @@ pub fn remesh<A: ProgressResponse>(
         total,
     };
     if remeshed.report.repair.boundary_split.edges > 0 {
-        remeshed.unsplit_boundary = Some(unsplit_boundary);
+        remeshed.unsplit_boundary = Some(prepared.mesh.boundary);
     }
     Ok(remeshed)
 }
@@ -412,6 +432,117 @@ fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions
             }
         }
     })
+}
+
+/// What repairs a mesh.
+struct Run<'a> {
+    boundary: &'a BoundaryMap,
+    map: &'a dyn VolumeMap,
+    target: &'a SurfaceMesh,
+    is_regular: bool,
+    options: &'a RemeshOptions,
+    progress: &'a dyn Fn(RemeshPhase) -> ProgressControl,
+}
+
+/// A mesh under one boundary map, before and after its repair.
+#[derive(Clone)]
+struct Attempt {
+    mesh: BoundedMesh,
+    as_mapped: AsMapped,
+    carried: Vec<Point>,
+    images: Vec<Point>,
+    repair: RepairReport,
+    other_boundary: Option<OtherBoundary>,
+}
+
+impl Attempt {
+    fn unrepaired(mesh: BoundedMesh, carried: Vec<Point>, as_mapped: AsMapped) -> Self {
+        Self {
+            mesh,
+            as_mapped,
+            images: carried.clone(),
+            carried,
+            repair: RepairReport::default(),
+            other_boundary: None,
+        }
+    }
+
+    /// Inverted cells and pairs of boundary triangles that pass through each other.
+    fn faults(&self) -> [usize; 2] {
+        [
+            invalid_cells(&self.mesh.cells, &self.images).cells.len(),
+            crossing_triangles(&self.mesh.boundary, &self.images).len(),
+        ]
+    }
+}
+
+impl Run<'_> {
+    /// The repaired mesh. A regular grid that cannot be repaired under the given boundary map is tried under another one of less
+    /// distortion.
+    fn repaired(&self, given: Attempt) -> Result<Attempt, RemeshError> {
+        if !self.is_regular || !self.options.slide || self.options.keep_boundary_map {
+            return self.under(self.boundary, given, self.options);
+        }
+        let crossings = given.faults()[1];
+        let seems_hopeless = crossings as f64 > MOST_CROSSING * given.mesh.boundary.len() as f64;
+        let with_less_effort = RemeshOptions {
+            effort: EFFORT_IF_HOPELESS * self.options.effort,
+            ..*self.options
+        };
+        let options = if seems_hopeless {
+            &with_less_effort
+        } else {
+            self.options
+        };
+        let first = self.under(self.boundary, given.clone(), options)?;
+        let faults = first.faults();
+        if faults == [0, 0] {
+            return Ok(first);
+        }
+        let second = self.under_other_boundary(&given)?;
+        Ok(second.filter(|second| second.faults() < faults).unwrap_or(first))
+    }
+
+    /// The mesh repaired under a boundary map of little distortion; `None` where none is found.
+    fn under_other_boundary(&self, given: &Attempt) -> Result<Option<Attempt>, RemeshError> {
+        let proceed = || match (self.progress)(RemeshPhase::MappingBoundary) {
+            ProgressControl::Cancel => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        };
+        let Some(other) = less_distorted(self.boundary, self.target, &proceed)? else {
+            return Ok(None);
+        };
+        let (carried, by_elements, shift) = nodes_mapped_by(&other, &given.mesh, &given.carried, self.map)?;
+        let as_mapped = AsMapped::of(&given.mesh, &carried);
+        let unrepaired = Attempt::unrepaired(given.mesh.clone(), carried, as_mapped);
+        let mut attempt = self.under(&other, unrepaired, self.options)?;
+        attempt.other_boundary = Some(shift);
+        if by_elements {
+            attempt.repair.start = RepairStart::FiniteElements;
+        }
+        Ok(Some(attempt))
+    }
+
+    /// Repairs a mesh whose nodes are mapped by a boundary map.
+    fn under(
+        &self,
+        boundary: &BoundaryMap,
+        mut attempt: Attempt,
+        options: &RemeshOptions,
+    ) -> Result<Attempt, RemeshError> {
+        let on_round = |(round, inverted)| (self.progress)(RemeshPhase::Repairing { round, inverted });
+        let Self { target, is_regular, .. } = *self;
+        let Attempt { mesh, carried, .. } = &mut attempt;
+        let (images, repair) = run_cancellable(&on_round, |monitor| {
+            repaired(mesh, carried, is_regular, boundary, target, options, monitor)
+        })
+        .unwrap_or(Err(RemeshError::Cancelled))?;
+        Ok(Attempt {
+            images,
+            repair,
+            ..attempt
+        })
+    }
 }
 
 /// The node positions after the repair.
@@ -458,6 +589,7 @@ fn repaired(
 }
 
 /// A mesh before its repair.
+#[derive(Clone)]
 struct AsMapped {
     invalid: InvalidCells,
     causes: InversionCauses,
@@ -476,20 +608,19 @@ impl AsMapped {
 
 /// The result with all its measurements but the timings.
 fn verified(
-    prepared: PreparedMesh,
-    as_mapped: AsMapped,
-    carried: Vec<Point>,
-    mut images: Vec<Point>,
+    prepared: &PreparedMesh,
+    attempt: Attempt,
     boundary: &BoundaryMap,
     target: &SurfaceMesh,
-    mut repair: RepairReport,
 ) -> Result<Remeshed, RemeshError> {
-    let PreparedMesh {
+    let Attempt {
         mesh,
-        cell_size,
-        off_surface,
-        memory,
-    } = prepared;
+        as_mapped,
+        carried,
+        mut images,
+        mut repair,
+        other_boundary,
+    } = attempt;
     let AsMapped {
         invalid: before,
         causes: causes_before,
@@ -519,8 +650,9 @@ fn verified(
         cells: mesh.cells.len(),
         nodes: mesh.nodes.len(),
         boundary_nodes: mesh.on_boundary.iter().filter(|is| **is).count(),
-        cell_size,
-        off_surface,
+        cell_size: prepared.cell_size,
+        off_surface: prepared.off_surface,
+        other_boundary,
         causes_before,
         before,
         after,
@@ -534,7 +666,7 @@ fn verified(
         mesh_to_target,
         volume: boundary_of(&mesh, &images).volume(),
         target_volume: boundary.target_volume(),
-        memory_estimate: memory,
+        memory_estimate: prepared.memory,
         repair,
         largest_shift,
         slid_nodes: slides.iter().filter(|s| **s > 0.0).count(),

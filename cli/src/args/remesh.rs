@@ -33,6 +33,10 @@ pub struct RemeshArgs {
     /// Size of the cells, in the units of the domain
     #[arg(long, value_name = "LENGTH")]
     pub cell_size: Option<f64>,
+    /// Stay on the map's boundary map. Otherwise, where a regular mesh cannot be repaired under it, one of less distortion is
+    /// sought, as by `boundary pair`, and taken with a warning if the mesh is better under it
+    #[arg(long, conflicts_with = "mesh")]
+    pub keep_boundary_map: bool,
     /// Leave all nodes where the map puts them, and cells inverted
     #[arg(long)]
     pub no_repair: bool,

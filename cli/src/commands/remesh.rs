@@ -55,6 +55,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     ensure!(args.cells > 0, "--cells is 0, but must be at least 1");
     let options = RemeshOptions {
         repair: !args.no_repair,
+        keep_boundary_map: args.keep_boundary_map,
         polish: args.polish.unwrap_or(RemeshOptions::default().polish),
         polish_valid: args.polish.is_some(),
         ..remesh_options(&args.repair)

@@ -154,6 +154,15 @@ impl CarriedMeshReport {
                 }
             ));
         }
+        if let Some(other) = &self.remesh.other_boundary {
+            output.warn(format!(
+                "the mesh does not follow the map's boundary map, under which it could not be repaired, but another one of less \
+                 distortion: nodes on the boundary are {} of the diagonal from where the given one sends them in the mean, {} at \
+                 most. `--keep-boundary-map` forbids it",
+                significant(other.mean_shift, 2),
+                significant(other.largest_shift, 2)
+            ));
+        }
         if let Some(warning) = warning(&self.crossings) {
             output.warn(warning);
         }
@@ -278,6 +287,17 @@ pub fn rows(report: &CarriedMeshReport, is_given: bool) -> Vec<[String; 2]> {
             rows.push([
                 "split".into(),
                 format!("{added} cells added ({share} %), where nodes were stuck; --split-stuck off forbids it"),
+            ]);
+        }
+        if let Some(other) = &found.other_boundary {
+            rows.push([
+                "boundary map".into(),
+                format!(
+                    "another one of less distortion, {} of the diagonal from the given one in the mean, {} at most; \
+                     --keep-boundary-map forbids it",
+                    significant(other.mean_shift, 2),
+                    significant(other.largest_shift, 2)
+                ),
             ]);
         }
         rows.push([

@@ -22,6 +22,7 @@ pub fn show_phase(phase: RemeshPhase, what: &str, output: &Output) {
     match phase {
         RemeshPhase::Meshing => output.progress(format!("{what}meshing the domain")),
         RemeshPhase::Mapping { nodes } => output.progress(format!("{what}mapping {nodes} nodes")),
+        RemeshPhase::MappingBoundary => output.progress(format!("{what}seeking another boundary map")),
         RemeshPhase::Repairing { round, inverted } => {
             let detail = format!("round {round}, {inverted} cells inverted");
             output.progress_in(format!("{what}repairing"), detail);

@@ -99,6 +99,9 @@ struct RemeshOptions {
   bool repair = true;
   /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
   bool slide = true;
+  /// Whether a regular mesh stays on the map's boundary map. Otherwise, where it cannot be repaired under that, a boundary map of
+  /// less distortion is sought, as BoundaryMap::pair() finds it, and taken if the mesh is better under it.
+  bool keep_boundary_map = false;
   /// Iterations at most that improve the shapes of cells after the repair; 0 for none. They never lower the least scaled
   /// Jacobian nor its 1 % quantile.
   std::size_t polish = 200;
@@ -118,6 +121,11 @@ struct RemeshOptions {
 /// quantile, and was undone.
 enum class PolishOutcome : std::uint8_t { not_asked, nothing_inverted, cells_inverted, no_gain, kept, undone };
 
+/// How far the boundary map of a mesh is from the one that was given, at the nodes on the boundary as mapped.
+struct OtherBoundary {
+  double mean_shift = 0, largest_shift = 0;
+};
+
 /// The report on a carried mesh. Distances, shifts and slides are fractions of the target's diagonal.
 struct RemeshReport {
   std::size_t nodes = 0, boundary_nodes = 0;
@@ -129,6 +137,8 @@ struct RemeshReport {
   double mesh_to_target_max = 0, mesh_to_target_mean = 0, target_to_mesh_max = 0, target_to_mesh_mean = 0;
   /// Volumes of the mesh and of the target.
   double volume = 0, target_volume = 0;
+  /// There where a regular mesh could not be repaired under the given boundary map, and another one was taken.
+  std::optional<OtherBoundary> other_boundary;
   /// How far the repair moved inner nodes, and boundary nodes along the target.
   double largest_shift = 0;
   std::size_t slid_nodes = 0;

@@ -182,6 +182,7 @@ TEST_CASE("the defaults of polycubes and hexahedra in the headers are those of t
   check_same(a.fit, fit);
   CHECK(a.remesh.repair == b.remesh.repair);
   CHECK(a.remesh.slide == b.remesh.slide);
+  CHECK(a.remesh.keep_boundary_map == b.remesh.keep_boundary_map);
   CHECK(a.remesh.polish == b.remesh.polish);
   CHECK(a.remesh.polish_valid == b.remesh.polish_valid);
   CHECK(a.remesh.most_added == b.remesh.most_added);
