@@ -496,7 +496,9 @@ impl Run<'_> {
         };
         let first = self.under(self.boundary, given.clone(), options)?;
         let faults = first.faults();
-        if faults == [0, 0] {
+        // Boundary triangles cross under any boundary map where those of the target do.
+        let crosses_itself = || !crossing_triangles(self.target.triangles(), self.target.vertices()).is_empty();
+        if faults == [0, 0] || (faults[0] == 0 && crosses_itself()) {
             return Ok(first);
         }
         let second = self.under_other_boundary(&given)?;
