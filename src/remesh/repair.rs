@@ -68,14 +68,15 @@ const SHAKE: f64 = 0.5;
 /// More inverted cells than this, and than a five-hundredth of all, are not left by chance.
 const MOST_RESTARTED: usize = 20;
 
-/// Where the repair of tetrahedra began.
+/// Where the repair began.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RepairStart {
     /// With the nodes as mapped.
     #[default]
     AsMapped,
-    /// With the inner nodes by linear finite elements on these tetrahedra, which inverted fewer of them.
+    /// With the inner nodes by linear finite elements on these cells: of tetrahedra where that inverted fewer, and of any cells under
+    /// another boundary map than the given one.
     FiniteElements,
 }
 

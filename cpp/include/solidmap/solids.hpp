@@ -148,8 +148,8 @@ struct RemeshReport {
   /// Edges of the boundary of a regular mesh that were split where it passed through itself, and the tetrahedra that this
   /// added.
   std::size_t boundary_edges_split = 0, boundary_cells_added = 0;
-  /// Whether the repair began with the inner nodes by finite elements on the tetrahedra of the mesh, which inverted fewer
-  /// of them than the map.
+  /// Whether the repair began with the inner nodes by finite elements on the cells of the mesh: of tetrahedra where that
+  /// inverted fewer than the map, and of any cells under another boundary map.
   bool from_finite_elements = false;
   double seconds = 0;
   /// Where cells stay inverted, in the target: at most five groups, the largest first.
