@@ -503,7 +503,11 @@ impl Run<'_> {
             return Ok(first);
         }
         let second = self.under_other_boundary(&given)?;
-        Ok(second.filter(|second| second.faults() < faults).unwrap_or(first))
+        match second.filter(|second| second.faults() < faults) {
+            Some(second) => Ok(second),
+            None if seems_hopeless => self.under(self.boundary, given, self.options),
+            None => Ok(first),
+        }
     }
 
     /// The mesh repaired under a boundary map of little distortion; `None` where none is found.
