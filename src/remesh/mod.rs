@@ -6,6 +6,7 @@
 //! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)); tetrahedra are split where nodes are stuck. The
 //! result is checked from its node positions alone.
 
+mod attempts;
 mod boundary_split;
 mod bounded_mesh;
 mod cells_at_nodes;
@@ -44,9 +45,10 @@ use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::memory::readable;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
-use crate::progress::{ProgressControl, ProgressResponse, ProgressSender, run_cancellable};
+use crate::progress::ProgressResponse;
 use crate::statistics::quantiles;
 
+use attempts::{AsMapped, Attempt, Carrier};
 pub use boundary_split::BoundarySplitReport;
 pub(crate) use boundary_split::halve_boundary_edges;
 pub(crate) use bounded_mesh::faces;
@@ -57,7 +59,6 @@ pub use given::{GivenMesh, GivenMeshError, given_mesh};
 pub use grid::{CellKind, CellSize, cell_count, grid_points, regular_mesh};
 pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use other_boundary::OtherBoundary;
-use other_boundary::{less_distorted, nodes_mapped_by};
 pub(crate) use patches::local_volumes;
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
@@ -119,22 +120,11 @@ pub struct RemeshOptions {
     pub memory: Option<u64>,
 }
 
-/// Tetrahedra that splitting may add to any mesh, however small.
-const ROOM_TO_SPLIT: usize = 5000;
-
-/// Share of the boundary's triangles, in pairs that pass through each other as mapped, from which a regular mesh seldom can be repaired
-/// under its boundary map: of six grids of 16 to 48 cells from a cube to VOLMAP's bunny, which are above it, the two with 16 cells could.
-const MOST_CROSSING: f64 = 0.01;
-/// Part of the effort that is made under such a boundary map before another one is sought.
-const EFFORT_IF_HOPELESS: f64 = 0.1;
-
 /// Volume of a target over the cube of its diagonal below which its sign may be a rounding error.
 const LEAST_VOLUME: f64 = 1e-12;
 
 /// The default of [`RemeshOptions::effort`].
 pub const DEFAULT_EFFORT: f64 = 2000.0;
-/// Cells whose effort any mesh gets, however small.
-const CELLS_IN_ANY: usize = 100_000;
 
 impl Default for RemeshOptions {
     fn default() -> Self {
@@ -359,14 +349,6 @@ pub fn remesh<A: ProgressResponse>(
     let mapped = start.elapsed().as_secs_f64();
 
     let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
-    let run = Run {
-        boundary,
-        map,
-        target: &target,
-        is_regular: prepared.cell_size.is_some(),
-        options,
-        progress: &|phase| progress(phase).control(),
-    };
     let as_mapped = AsMapped::of(&prepared.mesh, &carried);
     let most_are_inverted = 2 * as_mapped.invalid.cells.len() > prepared.mesh.cells.len();
     if options.repair
@@ -375,10 +357,18 @@ pub fn remesh<A: ProgressResponse>(
     {
         return Err(RemeshError::Mirrored);
     }
-    let attempt = Attempt::unrepaired(prepared.mesh.clone(), carried, as_mapped);
     let attempt = match options.repair {
-        true => run.repaired(attempt)?,
-        false => attempt,
+        true => Carrier {
+            mesh: &prepared.mesh,
+            is_regular: prepared.cell_size.is_some(),
+            boundary,
+            map,
+            target: &target,
+            options,
+            progress: &|phase| progress(phase).control(),
+        }
+        .repaired(carried, as_mapped)?,
+        false => Attempt::unrepaired(prepared.mesh.clone(), carried, as_mapped),
     };
     let repaired = start.elapsed().as_secs_f64();
 
@@ -433,184 +423,6 @@ fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions
             }
         }
     })
-}
-
-/// What repairs a mesh.
-struct Run<'a> {
-    boundary: &'a BoundaryMap,
-    map: &'a dyn VolumeMap,
-    target: &'a SurfaceMesh,
-    is_regular: bool,
-    options: &'a RemeshOptions,
-    progress: &'a dyn Fn(RemeshPhase) -> ProgressControl,
-}
-
-/// A mesh under one boundary map, before and after its repair.
-#[derive(Clone)]
-struct Attempt {
-    mesh: BoundedMesh,
-    as_mapped: AsMapped,
-    carried: Vec<Point>,
-    images: Vec<Point>,
-    repair: RepairReport,
-    other_boundary: Option<OtherBoundary>,
-}
-
-impl Attempt {
-    fn unrepaired(mesh: BoundedMesh, carried: Vec<Point>, as_mapped: AsMapped) -> Self {
-        Self {
-            mesh,
-            as_mapped,
-            images: carried.clone(),
-            carried,
-            repair: RepairReport::default(),
-            other_boundary: None,
-        }
-    }
-
-    /// Inverted cells and pairs of boundary triangles that pass through each other.
-    fn faults(&self) -> [usize; 2] {
-        [
-            invalid_cells(&self.mesh.cells, &self.images).cells.len(),
-            crossing_triangles(&self.mesh.boundary, &self.images).len(),
-        ]
-    }
-}
-
-impl Run<'_> {
-    /// The repaired mesh. A regular grid that cannot be repaired under the given boundary map is tried under another one of less
-    /// distortion.
-    fn repaired(&self, given: Attempt) -> Result<Attempt, RemeshError> {
-        if !self.is_regular || !self.options.slide || self.options.keep_boundary_map {
-            return self.under(self.boundary, given, self.options);
-        }
-        let crossings = given.faults()[1];
-        let seems_hopeless = crossings as f64 > MOST_CROSSING * given.mesh.boundary.len() as f64;
-        let with_less_effort = RemeshOptions {
-            effort: EFFORT_IF_HOPELESS * self.options.effort,
-            ..*self.options
-        };
-        let options = if seems_hopeless {
-            &with_less_effort
-        } else {
-            self.options
-        };
-        let first = self.under(self.boundary, given.clone(), options)?;
-        let faults = first.faults();
-        // Boundary triangles cross under any boundary map where those of the target do.
-        let crosses_itself = || !crossing_triangles(self.target.triangles(), self.target.vertices()).is_empty();
-        if faults == [0, 0] || (faults[0] == 0 && crosses_itself()) {
-            return Ok(first);
-        }
-        let second = self.under_other_boundary(&given)?;
-        match second.filter(|second| second.faults() < faults) {
-            Some(second) => Ok(second),
-            None if seems_hopeless => self.under(self.boundary, given, self.options),
-            None => Ok(first),
-        }
-    }
-
-    /// The mesh repaired under a boundary map of little distortion; `None` where none is found.
-    fn under_other_boundary(&self, given: &Attempt) -> Result<Option<Attempt>, RemeshError> {
-        let proceed = || match (self.progress)(RemeshPhase::MappingBoundary) {
-            ProgressControl::Cancel => ControlFlow::Break(()),
-            _ => ControlFlow::Continue(()),
-        };
-        let Some(other) = less_distorted(self.boundary, self.target, &proceed)? else {
-            return Ok(None);
-        };
-        let (carried, by_elements, shift) = nodes_mapped_by(&other, &given.mesh, &given.carried, self.map)?;
-        let as_mapped = AsMapped::of(&given.mesh, &carried);
-        let unrepaired = Attempt::unrepaired(given.mesh.clone(), carried, as_mapped);
-        let mut attempt = self.under(&other, unrepaired, self.options)?;
-        attempt.other_boundary = Some(shift);
-        if by_elements {
-            attempt.repair.start = RepairStart::FiniteElements;
-        }
-        Ok(Some(attempt))
-    }
-
-    /// Repairs a mesh whose nodes are mapped by a boundary map.
-    fn under(
-        &self,
-        boundary: &BoundaryMap,
-        mut attempt: Attempt,
-        options: &RemeshOptions,
-    ) -> Result<Attempt, RemeshError> {
-        let on_round = |(round, inverted)| (self.progress)(RemeshPhase::Repairing { round, inverted });
-        let Self { target, is_regular, .. } = *self;
-        let Attempt { mesh, carried, .. } = &mut attempt;
-        let (images, repair) = run_cancellable(&on_round, |monitor| {
-            repaired(mesh, carried, is_regular, boundary, target, options, monitor)
-        })
-        .unwrap_or(Err(RemeshError::Cancelled))?;
-        Ok(Attempt {
-            images,
-            repair,
-            ..attempt
-        })
-    }
-}
-
-/// The node positions after the repair.
-fn repaired(
-    mesh: &mut BoundedMesh,
-    carried: &mut Vec<Point>,
-    is_regular: bool,
-    boundary: &BoundaryMap,
-    target: &SurfaceMesh,
-    options: &RemeshOptions,
-    monitor: &ProgressSender<(usize, usize)>,
-) -> Result<(Vec<Point>, RepairReport), RemeshError> {
-    let mut sliding_surface = None;
-    if options.slide {
-        sliding_surface = Some(slide::SlidingSurface {
-            target,
-            query: SurfaceQuery::with_winding_sign(target)?,
-            stiffness: slide::stiffness(mesh.cells.len(), mean_boundary_edge(mesh, carried)),
-        });
-    }
-    let domain = SurfaceQuery::with_winding_sign(boundary.domain())?;
-    let boundary_image = |points: &[Point]| boundary.evaluate(&surface_points(&domain, points));
-    let splits_boundary = options.slide && is_regular && matches!(mesh.cells, CellList::Tets(_));
-    let cells = mesh.cells.len();
-    let polish_all = options.polish_valid || is_regular || matches!(mesh.cells, CellList::Hexes(_));
-    let mut repair = repair::Repair {
-        volume: boundary_of(mesh, carried).volume(),
-        step: 0.1 * (boundary.target_volume().abs() / cells as f64).cbrt(),
-        most_added: options.most_added.unwrap_or(cells / 3 + ROOM_TO_SPLIT),
-        most_work: (options.effort * cells.max(CELLS_IN_ANY) as f64) as u64,
-        mesh,
-        carried,
-        polish: options.polish,
-        polish_valid: options.polish_valid,
-        polish_all,
-        boundary_image: splits_boundary.then_some(&boundary_image),
-        splits_first: options.most_added.is_some(),
-        is_regular,
-        shaken: None,
-        sliding_surface: sliding_surface.as_ref(),
-        monitor,
-    };
-    Ok(repair.run())
-}
-
-/// A mesh before its repair.
-#[derive(Clone)]
-struct AsMapped {
-    invalid: InvalidCells,
-    causes: InversionCauses,
-    quality: Option<CellQuality>,
-}
-
-impl AsMapped {
-    fn of(mesh: &BoundedMesh, carried: &[Point]) -> Self {
-        Self {
-            invalid: invalid_cells(&mesh.cells, carried),
-            causes: inversion_causes(mesh, carried),
-            quality: quality(&mesh.cells, carried),
-        }
-    }
 }
 
 /// The result with all its measurements but the timings.
@@ -740,17 +552,38 @@ fn require_room(
 
 /// Images of the nodes: of those on the boundary by the boundary map, of the others by the volume map.
 fn mapped_nodes(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, RemeshError> {
-    let select = |on: bool| -> Vec<Point> {
-        let nodes = mesh.nodes.iter().zip(&mesh.on_boundary);
-        nodes.filter(|(_, is)| **is == on).map(|(p, _)| *p).collect()
-    };
+    let mut images = boundary_nodes_mapped(mesh, boundary)?;
+    map_inner_nodes(mesh, map, &mut images);
+    Ok(images)
+}
+
+/// Images of the nodes on the boundary; others are not numbers.
+fn boundary_nodes_mapped(mesh: &BoundedMesh, boundary: &BoundaryMap) -> Result<Vec<Point>, RemeshError> {
     let query = SurfaceQuery::with_winding_sign(boundary.domain())?;
-    let places = surface_points(&query, &select(true));
-    let mut outer = boundary.evaluate(&places).into_iter();
-    let mut inner = map.evaluate(&select(false)).into_iter();
-    let image = |&on: &bool| if on { outer.next() } else { inner.next() };
-    let images = mesh.on_boundary.iter().map(image);
-    Ok(images.map(|p| p.unwrap_or(Point::from([f64::NAN; 3]))).collect())
+    let mut images = vec![Point::from([f64::NAN; 3]); mesh.nodes.len()];
+    let mapped = boundary.evaluate(&surface_points(&query, &nodes_where(mesh, true)));
+    assign(&mut images, mesh, true, mapped);
+    Ok(images)
+}
+
+/// Sets the images of the inner nodes.
+fn map_inner_nodes(mesh: &BoundedMesh, map: &dyn VolumeMap, images: &mut [Point]) {
+    assign(images, mesh, false, map.evaluate(&nodes_where(mesh, false)));
+}
+
+/// The nodes on the boundary, or the inner ones.
+fn nodes_where(mesh: &BoundedMesh, on_boundary: bool) -> Vec<Point> {
+    let nodes = mesh.nodes.iter().zip(&mesh.on_boundary);
+    nodes.filter(|(_, is)| **is == on_boundary).map(|(p, _)| *p).collect()
+}
+
+/// Sets the images of the nodes on the boundary, or of the inner ones.
+fn assign(images: &mut [Point], mesh: &BoundedMesh, on_boundary: bool, values: Vec<Point>) {
+    let selected = images.iter_mut().zip(&mesh.on_boundary);
+    let selected = selected.filter(|(_, is)| **is == on_boundary);
+    for ((image, _), value) in selected.zip(values) {
+        *image = value;
+    }
 }
 
 /// The points of a surface that are closest to these.

@@ -3,9 +3,9 @@
 
 use std::ops::ControlFlow;
 
-use super::RemeshError;
 use super::bounded_mesh::BoundedMesh;
 use super::start::by_finite_elements;
+use super::{RemeshError, boundary_nodes_mapped, map_inner_nodes};
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::boundary_map::pair::{PairError, PairOptions, PairPhase, map_pair};
@@ -44,7 +44,7 @@ pub(super) fn nodes_mapped_by(
     given: &[Point],
     map: &dyn VolumeMap,
 ) -> Result<(Vec<Point>, bool, OtherBoundary), RemeshError> {
-    let carried = super::mapped_nodes(mesh, other, map)?;
+    let mut carried = boundary_nodes_mapped(mesh, other)?;
     let on_boundary = || (0..mesh.nodes.len()).filter(|&v| mesh.on_boundary[v]);
     let shifts: Vec<f64> = on_boundary().map(|v| (carried[v] - given[v]).norm()).collect();
     let diagonal = other.target_diagonal();
@@ -52,8 +52,9 @@ pub(super) fn nodes_mapped_by(
         largest_shift: shifts.iter().copied().fold(0.0, f64::max) / diagonal,
         mean_shift: shifts.iter().sum::<f64>() / shifts.len() as f64 / diagonal,
     };
-    Ok(match by_finite_elements(mesh, &carried) {
-        Some(found) => (found, true, shift),
-        None => (carried, false, shift),
-    })
+    if let Some(found) = by_finite_elements(mesh, &carried) {
+        return Ok((found, true, shift));
+    }
+    map_inner_nodes(mesh, map, &mut carried);
+    Ok((carried, false, shift))
 }

@@ -58,35 +58,21 @@ impl PairMapping<'_> {
         }
         self.require_landmarks(&after)?;
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
-        let (map, [before, after], stretch) = self.measured(&target, &before, &after)?;
+        let (map, distortions, stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {
-            method: PairMethod::Conformal,
             landmarks: self.landmarks.pairs().len(),
             landmark_error: self.landmark_error(&map),
-            coarse_embeddings: 1,
-            starts: vec![],
-            start: 0,
-            alternatives: vec![],
             rotations,
-            schedule: None,
-            torus: None,
-            hyperbolic: None,
-            before,
-            after,
-            isometry_defect: None,
-            nearer_isometry: None,
-            is_reversed: false,
-            stretch,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
-                coarse: 0.0,
                 improve: improved - align,
-                reversed: 0.0,
                 total: self.elapsed(),
+                ..PairTimings::default()
             },
             concluded,
             warnings,
+            ..PairReport::of(PairMethod::Conformal, distortions, stretch)
         };
         Ok(PairMaps {
             map,

@@ -156,6 +156,32 @@ pub struct HyperbolicReport {
 }
 
 impl PairReport {
+    /// The report of a map that was found at once: without landmarks, starts or other maps.
+    pub(super) fn of(method: PairMethod, [before, after]: [SurfaceDistortion; 2], stretch: Stretch) -> Self {
+        Self {
+            method,
+            landmarks: 0,
+            landmark_error: 0.0,
+            coarse_embeddings: 1,
+            starts: vec![],
+            start: 0,
+            alternatives: vec![],
+            rotations: vec![],
+            schedule: None,
+            torus: None,
+            hyperbolic: None,
+            before,
+            after,
+            isometry_defect: None,
+            nearer_isometry: None,
+            is_reversed: false,
+            stretch,
+            timings: PairTimings::default(),
+            concluded: false,
+            warnings: vec![],
+        }
+    }
+
     /// Whether the map is one to one but probably not the one that is wanted: a limb is in the wrong place.
     pub fn looks_wrong(&self) -> bool {
         self.stretch.looks_wrong() || self.nearer_isometry.is_some()

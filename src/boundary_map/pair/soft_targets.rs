@@ -146,9 +146,8 @@ impl PairMapping<'_> {
         // Correspondences know nothing of springs.
         let closest = closest.filter(|_| embedder.springs.is_empty());
         let nearer = closest.and_then(|closest| NearerIsometry::than(of_map?, images, &closest, self.target));
-        let (map, [before, after], stretch) = self.measured(&target, &before, &after)?;
+        let (map, distortions, stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {
-            method: PairMethod::SoftTargets,
             landmarks: self.landmarks.pairs().len(),
             landmark_error: self.landmark_error(&map),
             coarse_embeddings,
@@ -163,16 +162,9 @@ impl PairMapping<'_> {
                     distance: *distance,
                 })
                 .collect(),
-            rotations: vec![],
             schedule: Some(best.schedule),
-            torus: None,
-            hyperbolic: None,
-            before,
-            after,
             isometry_defect: of_map,
             nearer_isometry: nearer,
-            is_reversed: false,
-            stretch,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
@@ -183,6 +175,7 @@ impl PairMapping<'_> {
             },
             concluded,
             warnings,
+            ..PairReport::of(PairMethod::SoftTargets, distortions, stretch)
         };
         Ok(PairMaps {
             map,

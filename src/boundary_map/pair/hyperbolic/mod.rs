@@ -195,12 +195,8 @@ impl PairMapping<'_> {
             vertices: candidate.layout.inserted.len(),
         };
         let report = PairReport {
-            method: PairMethod::HyperbolicSurface,
-            landmarks: 0,
-            landmark_error: 0.0,
             coarse_embeddings: count,
             starts: ranked.iter().chain(&others).map(summary).chain(unmapped).collect(),
-            start: 0,
             alternatives: others
                 .iter()
                 .map(|other| PairAlternative {
@@ -210,21 +206,12 @@ impl PairMapping<'_> {
                     distance: distance(other, best, &search.target) / diagonal,
                 })
                 .collect(),
-            rotations: vec![],
-            schedule: None,
-            torus: None,
             hyperbolic: Some(HyperbolicReport {
                 genus,
                 alignments: alignments.len(),
                 classes: count,
                 runner_up: others.first().map(|other| other.energy / best.energy),
             }),
-            before: distortions[0],
-            after: distortions[1],
-            isometry_defect: None,
-            nearer_isometry: None,
-            is_reversed: false,
-            stretch,
             timings: PairTimings {
                 sphere: laid,
                 align: aligned - laid,
@@ -235,6 +222,7 @@ impl PairMapping<'_> {
             },
             concluded: self.reporter.should_conclude(),
             warnings,
+            ..PairReport::of(PairMethod::HyperbolicSurface, distortions, stretch)
         };
         Ok(PairMaps {
             map,

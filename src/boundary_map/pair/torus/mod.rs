@@ -169,12 +169,7 @@ impl PairMapping<'_> {
             });
         }
         let report = PairReport {
-            method: PairMethod::FlatTori,
-            landmarks: 0,
-            landmark_error: 0.0,
             coarse_embeddings,
-            starts: vec![],
-            start: 0,
             alternatives: others
                 .iter()
                 .map(|other| PairAlternative {
@@ -184,8 +179,6 @@ impl PairMapping<'_> {
                     distance: distance(other, best, search.target) / diagonal,
                 })
                 .collect(),
-            rotations: vec![],
-            schedule: None,
             torus: Some(TorusReport {
                 compared: search::compared_at_first(),
                 is_turned: best.layout.map.is_turned,
@@ -196,13 +189,6 @@ impl PairMapping<'_> {
                 },
                 runner_up,
             }),
-            hyperbolic: None,
-            before: distortions[0],
-            isometry_defect: None,
-            nearer_isometry: None,
-            is_reversed: false,
-            after: distortions[1],
-            stretch,
             timings: PairTimings {
                 sphere: laid,
                 align: 0.0,
@@ -213,6 +199,7 @@ impl PairMapping<'_> {
             },
             concluded: self.reporter.should_conclude(),
             warnings,
+            ..PairReport::of(PairMethod::FlatTori, distortions, stretch)
         };
         Ok(PairMaps {
             map,
