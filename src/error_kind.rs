@@ -243,6 +243,7 @@ classified! {
         Self::Sphere { error, .. } => error.error_kind(),
         Self::Torus { error, .. } => error.error_kind(),
         Self::Hyperbolic { error, .. } => error.error_kind(),
+        Self::Shell { error, .. } => error.error_kind(),
         Self::NoEmbedding => ErrorKind::Numerical,
         Self::Cancelled => ErrorKind::Cancelled,
         Self::Align(_)
@@ -253,6 +254,10 @@ classified! {
         | Self::UnequalGenus { .. }
         | Self::NoClass { .. }
         | Self::NotWithHandles { .. }
+        | Self::Shells { .. }
+        | Self::UnequalShells { .. }
+        | Self::NoMatchingShells { .. }
+        | Self::NotWithShells { .. }
         | Self::LandmarksMissed { .. }
         | Self::Boundary(_) => ErrorKind::InvalidInput,
     }
@@ -361,7 +366,9 @@ classified! {
         Self::Torus(error) => error.error_kind(),
         Self::Hyperbolic(error) => error.error_kind(),
         Self::BoundaryMap(error) => error.error_kind(),
-        Self::NoEmbedding | Self::Option { .. } | Self::NoArea { .. } => ErrorKind::InvalidInput,
+        Self::NoEmbedding | Self::SeveralShells { .. } | Self::Option { .. } | Self::NoArea { .. } => {
+            ErrorKind::InvalidInput
+        }
     }
     SequenceError {
         Self::Quadrature(error) => error.error_kind(),

@@ -20,6 +20,7 @@ mod pair;
 mod remesh;
 mod schwarz;
 mod sequence;
+mod shells;
 mod spherical;
 mod texture;
 mod torus;

@@ -397,6 +397,83 @@ fn a_boundary_map_is_improved_and_what_cannot_be_is_refused() {
     }
 }
 
+/// Components and cavities, from the pair to cells: cavities must stay empty.
+#[test]
+fn a_hollow_solid_is_mapped_to_another_with_all_that_is_written() {
+    let place = Workplace::new();
+    let cavity = |centre: [f64; 3]| {
+        let placed = |p: &Point| Point::from(0.25 * p.coords + solidmap::Vector::from(centre));
+        shapes::deformed(&shapes::sphere(1.0, 2), placed).reversed()
+    };
+    let outer = shapes::deformed(&shapes::sphere(1.0, 3), |p| Point::new(1.5 * p.x, p.y, 0.8 * p.z));
+    let cavities = [cavity([0.7, 0.0, 0.0]), cavity([-0.5, 0.2, 0.1])];
+    let solid = |[a, b]: [&SurfaceMesh; 2]| shapes::joined(&shapes::joined(&outer, a), b);
+    let bent = |p: &Point| Point::new(p.x, p.y + 0.2 * p.x * p.x, 1.1 * p.z);
+    place.surface("domain.obj", &solid([&cavities[0], &cavities[1]]));
+    place.surface(
+        "target.obj",
+        &shapes::deformed(&solid([&cavities[1], &cavities[0]]), bent),
+    );
+    let line = "boundary pair domain.obj target.obj -o image.ply --boundary way.safetensors --png map.png --vtu map.vtu \
+                --html map.html";
+    let words = text(&place.ends_with(0, line).stdout);
+    for fragment in [
+        "one to one, shell by shell",
+        "0: solid of genus 0, 642 vertices, to shell 0 of 642 vertices",
+        "1: cavity of genus 0, 162 vertices, to shell 2 of 162 vertices",
+        "2: cavity of genus 0, 162 vertices, to shell 1 of 162 vertices",
+    ] {
+        assert!(words.contains(fragment), "{fragment}: {words}");
+    }
+    assert!(std::fs::read(place.path("map.png")).unwrap().starts_with(b"\x89PNG"));
+    let words = text(
+        &place
+            .ends_with(0, "boundary check way.safetensors --png check.png")
+            .stdout,
+    );
+    assert!(
+        words.contains("One to one with the target, decided exactly") && words.contains("shell by shell"),
+        "{words}"
+    );
+    let words = text(
+        &place
+            .ends_with(2, "boundary improve way.safetensors -o better.ply")
+            .stderr,
+    );
+    assert!(words.contains("3 shells"), "{words}");
+
+    place.ends_with(0, "fit --boundary way.safetensors -o stored.map --tolerance 0.01");
+    place.ends_with(0, "fit domain.obj --target target.obj -o direct.map --tolerance 0.01");
+    let [stored, direct] = ["stored.map", "direct.map"].map(|map| {
+        place.report(0, &format!("energy {map} --resolution 24 --json"))["harmonic_energy"]
+            .as_f64()
+            .unwrap()
+    });
+    assert_eq!(stored, direct);
+    place.ends_with(0, "tet domain.obj -o domain.vtu");
+    let report = place.report(0, "remesh direct.map --mesh domain.vtu -o target.vtu --json");
+    assert_eq!(report["inverted_cells"], 0);
+    let off = report["mesh_to_target"]["max"].as_f64().unwrap();
+    assert!(off < 0.05, "{off}");
+
+    let words = text(
+        &place
+            .ends_with(2, "boundary pair domain.obj domain.obj -o image.ply --alternatives 1")
+            .stderr,
+    );
+    assert!(words.contains("several shells"), "{words}");
+    place.surface("solid.obj", &outer);
+    let words = text(
+        &place
+            .ends_with(2, "boundary pair domain.obj solid.obj -o image.ply")
+            .stderr,
+    );
+    assert!(
+        words.contains("the domain has 3 shells (components and cavities) and the target 1"),
+        "{words}"
+    );
+}
+
 #[test]
 fn a_plate_with_a_hole_is_mapped_to_a_ring_and_its_cells_are_carried_there() {
     let place = Workplace::new();

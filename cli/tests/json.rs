@@ -169,6 +169,7 @@ fn place() -> Workplace {
     place.surface("turned.ply", &shapes::deformed(&fine, turned));
     let ball = shapes::sphere(1.0, 2);
     place.surface("ball.ply", &ball);
+    place.surface("hollow.ply", &shapes::spherical_shell(1.0, 0.4, 2));
     let ring = shapes::torus(1.0, 0.4, 16, 8);
     place.surface("ring.ply", &ring);
     let rings = shapes::double_torus(1);
@@ -252,6 +253,7 @@ fn every_field_of_a_report_is_documented_and_written() {
             "boundary pair ring.ply oval.ply -o t.ply --boundary t.safetensors",
         ),
         ("boundary pair", "boundary pair rings.ply rings2.ply -o h.ply"),
+        ("boundary pair", "boundary pair hollow.ply hollow.ply -o hh.ply"),
         ("boundary check", "boundary check t.safetensors"),
         (
             "boundary improve",

@@ -335,6 +335,7 @@ class PairReport(Report):
     nearer_isometry: Optional[Dict[str, Any]]
     is_reversed: bool
     stretch: Dict[str, Any]
+    shells: List[Dict[str, Any]]
     seconds: Dict[str, float]
     concluded: bool
     warnings: List[str]
@@ -344,10 +345,15 @@ class PairReport(Report):
         stretch = self.stretch
         surface = "torus" if self.torus else "hyperbolic surface" if self.hyperbolic else "sphere"
         decided = "" if self.hyperbolic else ", decided exactly"
+        if self.shells:
+            surface = "sphere, torus or hyperbolic surface"
         rows = [
             ("map", f"one to one: no triangle flipped on the {surface}, degree 1{decided}"),
             ("coarse", f"the best of {self.coarse_embeddings} coarse embeddings"),
         ]
+        for index, shell in enumerate(self.shells):
+            kind = "cavity" if shell["is_cavity"] else "solid"
+            rows.append((f"shell {index}", f"{kind} of genus {shell['genus']}, to shell {shell['target']}"))
         if self.landmarks:
             error = significant(100.0 * self.landmark_error, 2)
             met = "all met exactly" if self.landmark_error < 1e-9 else f"met to {error} % of the diagonal at worst"

@@ -333,12 +333,13 @@ def pair(
     progress: Progress = None,
     time_limit: Optional[float] = None,
 ) -> BoundaryMap:
-    """Map the boundary of a solid one to one to that of another: of solids without handles, or with one each.
+    """Map the boundary of a solid one to one to that of another.
 
     Parameters
     ----------
     domain, target : surface
-        Closed, with as many handles. With handles there are no landmarks, curves or starts, and with one no axes.
+        Closed, with as many handles, components and cavities. With handles there are no landmarks, curves or starts, and with
+        one no axes; with several components or cavities no starts and no alternatives.
     landmarks : array_like of integers, shape (k, 2), or the name of a file, optional
         Vertices of the domain that go to vertices of the target.
     landmarks_weight : float, optional

@@ -114,6 +114,24 @@ def test_the_target_may_be_a_surface_or_the_sphere(ball):
     assert solidmap.boundary.check(pair).verdict == "bijective"
 
 
+def test_shells_are_mapped_one_by_one(ball, tmp_path):
+    outer, cavity = ball.points * [1.5, 1.0, 0.8], ball.points * 0.3 + [0.6, 0.1, 0.0]
+    triangles = np.vstack([ball.faces, ball.faces[:, ::-1] + len(outer)])
+    hollow = (np.vstack([outer, cavity]), triangles)
+    pair = solidmap.boundary.pair(hollow, hollow)
+    shells = [(shell["target"], shell["is_cavity"], shell["genus"]) for shell in pair.report.shells]
+    assert shells == [(0, False, 0), (1, True, 0)]
+    assert "cavity of genus 0, to shell 1" in str(pair.report)
+    assert np.allclose(pair.images[len(outer) :].mean(axis=0), cavity.mean(axis=0), atol=0.03)
+    assert solidmap.boundary.check(pair).verdict == "bijective"
+    pair.save(tmp_path / "hollow.safetensors")
+    again = solidmap.BoundaryMap.load(tmp_path / "hollow.safetensors")
+    assert np.array_equal(again.images, pair.images)
+    assert np.allclose(pair.inverse().inverse().images, pair.images)
+    with pytest.raises(solidmap.InvalidInputError, match="2 shells .* and the target 1"):
+        solidmap.boundary.pair(hollow, ball)
+
+
 def test_landmarks_are_met():
     box, ball = solidmap.shapes.cube(2.0, 6), solidmap.shapes.sphere(levels=2)
     landmarks = [[0, 5], [6, 40], [48, 100]]

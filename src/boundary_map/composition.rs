@@ -237,13 +237,17 @@ impl Composition {
             (_, _, Place::Hyperbolic(x)) => Point::from(x),
         }
     }
+}
 
-    /// Images of the vertices of `domain`, from index `first` on.
-    pub fn images_of_vertices(&self, domain: &SurfaceMesh, first: usize) -> Vec<Point> {
-        let places = vertex_places(domain);
-        let new = places[first..].par_iter().with_min_len(256);
-        new.map(|p| self.image(p)).collect()
-    }
+/// Images of the vertices of `domain`, from index `first` on.
+pub(super) fn images_of_vertices(
+    domain: &SurfaceMesh,
+    first: usize,
+    image: impl Fn(&SurfacePoint) -> Point + Sync + Send,
+) -> Vec<Point> {
+    let places = vertex_places(domain);
+    let new = places[first..].par_iter().with_min_len(256);
+    new.map(image).collect()
 }
 
 /// Each vertex as a corner of a triangle; vertices without triangles as the first corner of the first.

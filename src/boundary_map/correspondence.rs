@@ -6,9 +6,10 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::BoundaryMapError;
-use super::composition::{Composition, SurfaceEmbedding};
+use super::composition::{Composition, SurfaceEmbedding, images_of_vertices};
 use super::error::{extent, require_extent, require_finite, require_same_count, require_same_elements};
 use super::function::PointFunction;
+use super::shells::{ShellMap, ShellMaps};
 use crate::hyperbolic::HyperbolicEmbedding;
 use crate::mesh::shapes::quartered;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
@@ -19,9 +20,8 @@ use crate::{Point, Vector};
 /// A boundary map `f'`: where each point of the domain's surface goes.
 ///
 /// Given by images of the vertices alone, it is linear over the triangles in between. As a composition of embeddings
-/// ([`Self::onto_sphere`], [`Self::through_sphere`], [`Self::through_torus`], [`Self::through_hyperbolic_surface`]) it is a
-/// bijection with the target's surface,
-/// and the images of points between vertices lie on that surface, not on the straight triangles between the images of the
+/// ([`Self::onto_sphere`], [`Self::through_sphere`], [`Self::through_torus`], [`Self::through_hyperbolic_surface`], and
+/// [`Self::by_shells`] with one for each shell) it is a bijection with the target's surface, and the images of points between vertices lie on that surface, not on the straight triangles between the images of the
 /// vertices.
 ///
 /// Copies share the domain, the embeddings and the function.
@@ -39,6 +39,8 @@ enum Interpolation {
     Linear,
     /// By embeddings in the sphere, in a flat torus or in a hyperbolic surface.
     Composition(Composition),
+    /// By one composition for each shell.
+    Shells(ShellMaps),
     /// By a function of the surface's points.
     Function(PointFunction),
 }
@@ -141,10 +143,10 @@ impl BoundaryMap {
             Some(target) => {
                 let surface = target.surface();
                 require_extent(&domain, surface.vertices(), extent(surface, surface.vertices()))?;
-                composition.images_of_vertices(&domain, 0)
+                images_of_vertices(&domain, 0, |p| composition.image(p))
             }
             None => {
-                let image = composition.images_of_vertices(&domain, 0);
+                let image = images_of_vertices(&domain, 0, |p| composition.image(p));
                 require_extent(&domain, &image, extent(&domain, &image))?;
                 image
             }
@@ -156,9 +158,37 @@ impl BoundaryMap {
         })
     }
 
+    /// The map between solids of several shells, from the maps of the domain's, which count in the order of their first triangles.
+    /// Solids are turned to face outward, and cavities inward.
+    ///
+    /// # Errors
+    ///
+    /// [`BoundaryMapError::Shells`] when the shells of a surface cannot be told apart, or the maps are not those of all of them; and
+    /// when a surface is too small or too large to calculate with.
+    pub fn by_shells(
+        domain: &SurfaceMesh,
+        target: &SurfaceMesh,
+        maps: Vec<ShellMap>,
+    ) -> Result<Self, BoundaryMapError> {
+        Self::by_shell_maps(ShellMaps::new(domain, target, maps)?)
+    }
+
+    fn by_shell_maps(maps: ShellMaps) -> Result<Self, BoundaryMapError> {
+        let (domain, target) = (maps.domain().clone(), maps.target());
+        require_extent(&domain, target.vertices(), extent(target, target.vertices()))?;
+        Ok(Self {
+            image: images_of_vertices(&domain, 0, |p| maps.image(p)),
+            domain: Arc::new(domain),
+            interpolation: Interpolation::Shells(maps),
+        })
+    }
+
     /// The map from the target's surface back to the domain's as it was before subdivision; `None` unless the map goes
     /// through the sphere, a torus or a hyperbolic surface to another surface.
     pub fn inverse(&self) -> Option<Self> {
+        if let Some(maps) = self.shell_maps() {
+            return Self::by_shell_maps(maps.inverse()?).ok();
+        }
         // Cannot fail: both surfaces have passed the checks.
         Self::by_composition(self.composition()?.inverse()?).ok()
     }
@@ -287,7 +317,15 @@ impl BoundaryMap {
 
     /// The target, if it has a mesh of its own.
     pub fn target_surface(&self) -> Option<&SurfaceMesh> {
-        self.composition()?.target().map(SurfaceEmbedding::surface)
+        match self.shell_maps() {
+            Some(maps) => Some(maps.target()),
+            None => self.composition()?.target().map(SurfaceEmbedding::surface),
+        }
+    }
+
+    /// The maps of the domain's shells, before subdivision; `None` unless the map was made of such.
+    pub fn shells(&self) -> Option<&[ShellMap]> {
+        self.shell_maps().map(ShellMaps::maps)
     }
 
     /// The spherical embedding of the domain before subdivision; `None` unless the map goes onto or through the sphere.
@@ -320,19 +358,33 @@ impl BoundaryMap {
     /// The domain as it was before subdivision.
     #[cfg(feature = "io")]
     pub(crate) fn unsubdivided_domain(&self) -> &SurfaceMesh {
-        self.composition()
-            .map_or(&self.domain, |composition| composition.domain().surface())
+        match &self.interpolation {
+            Interpolation::Composition(composition) => composition.domain().surface(),
+            Interpolation::Shells(maps) => maps.domain(),
+            Interpolation::Linear | Interpolation::Function(_) => &self.domain,
+        }
     }
 
     /// How often the domain was subdivided since it was embedded; 0 for other maps.
     pub fn subdivisions(&self) -> u32 {
-        self.composition().map_or(0, Composition::subdivisions)
+        match &self.interpolation {
+            Interpolation::Composition(composition) => composition.subdivisions(),
+            Interpolation::Shells(maps) => maps.subdivisions(),
+            Interpolation::Linear | Interpolation::Function(_) => 0,
+        }
     }
 
     pub(super) fn composition(&self) -> Option<&Composition> {
         match &self.interpolation {
             Interpolation::Composition(composition) => Some(composition),
-            Interpolation::Linear | Interpolation::Function(_) => None,
+            Interpolation::Linear | Interpolation::Shells(_) | Interpolation::Function(_) => None,
+        }
+    }
+
+    pub(super) fn shell_maps(&self) -> Option<&ShellMaps> {
+        match &self.interpolation {
+            Interpolation::Shells(maps) => Some(maps),
+            _ => None,
         }
     }
 
@@ -355,6 +407,7 @@ impl BoundaryMap {
                 Some(target) => target.surface().bounding_box().unwrap_or_default(),
                 None => (-corner, corner),
             },
+            Interpolation::Shells(maps) => maps.target().bounding_box().unwrap_or_default(),
             Interpolation::Function(function) => function.target_box(),
         }
     }
@@ -367,10 +420,10 @@ impl BoundaryMap {
 
     /// Volume of the target; negative when the map turns the solid inside out.
     pub fn target_volume(&self) -> f64 {
-        match self.composition().map(Composition::target) {
-            Some(Some(target)) => target.surface().volume(),
-            Some(None) => 4.0 / 3.0 * PI,
-            None => self.target().volume(),
+        match (self.target_surface(), self.composition()) {
+            (Some(target), _) => target.volume(),
+            (None, Some(_)) => 4.0 / 3.0 * PI,
+            (None, None) => self.target().volume(),
         }
     }
 
@@ -382,11 +435,16 @@ impl BoundaryMap {
             Interpolation::Linear => (quartered(&self.target()).into_parts().0, Interpolation::Linear),
             Interpolation::Composition(composition) => {
                 let composition = composition.subdivided();
-                let new = composition.images_of_vertices(&domain, self.image.len());
+                let new = images_of_vertices(&domain, self.image.len(), |p| composition.image(p));
                 (
                     [&self.image[..], &new].concat(),
                     Interpolation::Composition(composition),
                 )
+            }
+            Interpolation::Shells(maps) => {
+                let maps = maps.subdivided();
+                let new = images_of_vertices(&domain, self.image.len(), |p| maps.image(p));
+                ([&self.image[..], &new].concat(), Interpolation::Shells(maps))
             }
             Interpolation::Function(function) => {
                 let function = function.subdivided();
@@ -411,14 +469,19 @@ impl BoundaryMap {
         match &self.interpolation {
             Interpolation::Linear => points.iter().map(|p| p.position(&self.domain, &self.image)).collect(),
             Interpolation::Composition(composition) => in_parallel(points, |p| composition.image(p)),
+            Interpolation::Shells(maps) => in_parallel(points, |p| maps.image(p)),
             Interpolation::Function(function) => in_parallel(points, |p| function.image(p)),
         }
     }
 
     /// Images of surface points as points of [`Self::target_surface`]; `None` without one.
     pub fn evaluate_on_target(&self, points: &[SurfacePoint]) -> Option<Vec<SurfacePoint>> {
-        let composition = self.composition()?;
-        in_parallel(points, |p| composition.on_target(p)).into_iter().collect()
+        let found = match &self.interpolation {
+            Interpolation::Composition(composition) => in_parallel(points, |p| composition.on_target(p)),
+            Interpolation::Shells(maps) => in_parallel(points, |p| maps.on_target(p)),
+            Interpolation::Linear | Interpolation::Function(_) => return None,
+        };
+        found.into_iter().collect()
     }
 
     /// Directions of surface points, as unit vectors; `None` unless the map goes onto or through the sphere.

@@ -79,6 +79,12 @@ pub enum BoundaryMapError {
         /// The first difference.
         difference: String,
     },
+    /// Maps of shells are not those of these solids.
+    #[error("the maps of shells do not belong to these solids: {problem}")]
+    Shells {
+        /// What is wrong.
+        problem: String,
+    },
     /// All image positions coincide, so that errors cannot be related to the target's size.
     #[error("all {vertices} image positions coincide; there is no target solid")]
     NoExtent {

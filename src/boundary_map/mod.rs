@@ -9,8 +9,10 @@ pub mod examples;
 mod function;
 mod line_search;
 pub mod pair;
+mod shells;
 pub(crate) mod sweep;
 
 pub use correspondence::BoundaryMap;
 pub use distortion::{DistortionQuantiles, SurfaceDistortion, TriangleDistortion, triangle_distortions};
 pub use error::BoundaryMapError;
+pub use shells::ShellMap;

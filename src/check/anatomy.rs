@@ -258,7 +258,7 @@ fn work_of(triangles: usize) -> usize {
     1 + (triangles / 32).min(64)
 }
 
-fn triangles_by_component(components: &Components) -> Vec<Vec<u32>> {
+pub(super) fn triangles_by_component(components: &Components) -> Vec<Vec<u32>> {
     let mut triangles = vec![Vec::new(); components.shapes.len()];
     for (triangle, &component) in components.of_triangle.iter().enumerate() {
         if component != NONE {

@@ -16,6 +16,7 @@ mod examine;
 mod hanging_nodes;
 mod holes;
 mod repair;
+mod shells;
 #[cfg(test)]
 mod tests;
 pub(crate) mod text;
@@ -27,6 +28,8 @@ pub use cells::{SLIVER, examine_cells};
 pub use examine::check;
 pub use holes::{ClosedHole, HoleError, MOST_RIM_EDGES, close_holes};
 pub use repair::{AppliedRepair, RepairKind, repair};
+pub use shells::ShellsError;
+pub(crate) use shells::{ShellSurface, shells_of};
 
 use crate::mesh::SurfaceMesh;
 

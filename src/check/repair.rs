@@ -76,7 +76,7 @@ pub fn repair(mesh: &SurfaceMesh) -> (SurfaceMesh, Vec<AppliedRepair>) {
     (oriented(&anatomy), repairs)
 }
 
-fn oriented(anatomy: &Anatomy) -> SurfaceMesh {
+pub(super) fn oriented(anatomy: &Anatomy) -> SurfaceMesh {
     let mesh = anatomy.mesh;
     let orient = |(t, &[a, b, c]): (usize, &[u32; 3])| {
         let component = anatomy.components.of_triangle[t];

@@ -2,7 +2,7 @@
 //!
 //! Its tensors are those of [`boundary_tensors`](super::boundary_tensors), which map files hold as well. The metadata
 //! entry `solidmap_boundary` is a JSON object: [`BoundaryMetadata`] and `boundary`, with `way` (`straight`,
-//! `onto_sphere`, `through_sphere`, from version 1.1 on `through_torus`, from 1.2 on `through_hyperbolic_surface`) and
+//! `onto_sphere`, `through_sphere`, from version 1.1 on `through_torus`, from 1.2 on `through_hyperbolic_surface`, from 1.3 on `by_shells`) and
 //! `subdivisions`.
 
 use std::path::Path;

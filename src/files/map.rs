@@ -377,7 +377,7 @@ mod tests {
         .unwrap();
         assert!(matches!(
             read_map(&path),
-            Err(TensorFileError::Tensor { tensor: "sources", .. })
+            Err(TensorFileError::Tensor { tensor, .. }) if tensor == "sources"
         ));
     }
 }

@@ -36,7 +36,7 @@ pub enum TensorFileError {
         /// `"map file"`, `"boundary file"` or `"texture file"`.
         kind: &'static str,
         /// Which tensor.
-        tensor: &'static str,
+        tensor: String,
         /// What is wrong with it.
         problem: String,
     },
@@ -67,9 +67,9 @@ pub(super) struct FileKind {
     /// The entry of the container's metadata that holds ours, a JSON object.
     pub key: &'static str,
     pub version: (u32, u32),
-    /// The versions of files that hold a boundary map through a flat torus, or through a hyperbolic surface, which earlier programs do
-    /// not know.
-    pub versions_with_handles: [(u32, u32); 2],
+    /// The versions of files that hold a boundary map through a flat torus, through a hyperbolic surface, or of several shells, which
+    /// earlier programs do not know.
+    pub later_versions: [(u32, u32); 3],
     /// What the file is for, said where another kind is wanted.
     pub purpose: &'static str,
 }
@@ -78,7 +78,7 @@ pub(super) static MAP: FileKind = FileKind {
     name: "map file",
     key: "solidmap",
     version: (1, 2),
-    versions_with_handles: [(1, 3), (1, 4)],
+    later_versions: [(1, 3), (1, 4), (1, 5)],
     purpose: "it holds a fitted map, for `solidmap eval` and `energy`",
 };
 
@@ -86,7 +86,7 @@ pub(super) static BOUNDARY: FileKind = FileKind {
     name: "boundary file",
     key: "solidmap_boundary",
     version: (1, 0),
-    versions_with_handles: [(1, 1), (1, 2)],
+    later_versions: [(1, 1), (1, 2), (1, 3)],
     purpose: "it holds a boundary map, for `solidmap fit --boundary`",
 };
 
@@ -94,13 +94,13 @@ pub(super) static TEXTURE: FileKind = FileKind {
     name: "texture file",
     key: "solidmap_texture",
     version: (1, 0),
-    versions_with_handles: [(1, 1), (1, 2)],
+    later_versions: [(1, 1), (1, 2), (1, 3)],
     purpose: "it holds a solid texture, for `solidmap texture`",
 };
 
 /// A table.
 pub(super) struct Tensor {
-    name: &'static str,
+    name: String,
     dtype: Dtype,
     rows: usize,
     columns: usize,
@@ -109,9 +109,9 @@ pub(super) struct Tensor {
 
 impl Tensor {
     /// A table with three columns.
-    fn new(name: &'static str, dtype: Dtype, rows: usize, data: Vec<u8>) -> Self {
+    fn new(name: &str, dtype: Dtype, rows: usize, data: Vec<u8>) -> Self {
         Self {
-            name,
+            name: name.to_owned(),
             dtype,
             rows,
             columns: 3,
@@ -119,7 +119,7 @@ impl Tensor {
         }
     }
 
-    pub fn rows<'a, const N: usize>(name: &'static str, rows: impl ExactSizeIterator<Item = &'a [f64; N]>) -> Self {
+    pub fn rows<'a, const N: usize>(name: &str, rows: impl ExactSizeIterator<Item = &'a [f64; N]>) -> Self {
         let count = rows.len();
         let data = rows.flatten().flat_map(|x| x.to_le_bytes()).collect();
         Self {
@@ -128,7 +128,7 @@ impl Tensor {
         }
     }
 
-    pub fn integers<const N: usize>(name: &'static str, rows: impl ExactSizeIterator<Item = [i32; N]>) -> Self {
+    pub fn integers<const N: usize>(name: &str, rows: impl ExactSizeIterator<Item = [i32; N]>) -> Self {
         let count = rows.len();
         let data = rows.flatten().flat_map(|x| x.to_le_bytes()).collect();
         Self {
@@ -137,16 +137,16 @@ impl Tensor {
         }
     }
 
-    pub fn points(name: &'static str, points: &[Point]) -> Self {
+    pub fn points(name: &str, points: &[Point]) -> Self {
         Self::rows(name, points.iter().map(|p| p.coords.as_ref()))
     }
 
-    pub fn triangles(name: &'static str, triangles: &[[u32; 3]]) -> Self {
+    pub fn triangles(name: &str, triangles: &[[u32; 3]]) -> Self {
         let data = triangles.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
         Self::new(name, Dtype::U32, triangles.len(), data)
     }
 
-    pub fn tets(name: &'static str, tets: &[[u32; 4]]) -> Self {
+    pub fn tets(name: &str, tets: &[[u32; 4]]) -> Self {
         let data = tets.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
         Self {
             columns: 4,
@@ -154,7 +154,7 @@ impl Tensor {
         }
     }
 
-    pub fn bytes(name: &'static str, rows: &[[u8; 3]]) -> Self {
+    pub fn bytes(name: &str, rows: &[[u8; 3]]) -> Self {
         Self::new(name, Dtype::U8, rows.len(), rows.as_flattened().to_vec())
     }
 }
@@ -166,10 +166,11 @@ impl FileKind {
 
     /// The version of a file with this boundary map: the given one, unless that is too low for it.
     pub fn version_for(&self, given: &str, boundary: Option<&BoundaryMap>) -> String {
-        let [with_torus, with_hyperbolic_surface] = self.versions_with_handles;
+        let [with_torus, with_hyperbolic_surface, with_shells] = self.later_versions;
         let (major, minor) = match boundary {
             Some(map) if map.torus_embeddings().is_some() => with_torus,
             Some(map) if map.hyperbolic_embeddings().is_some() => with_hyperbolic_surface,
+            Some(map) if map.shells().is_some() => with_shells,
             _ => return given.to_owned(),
         };
         match given == self.format_version() {
@@ -183,7 +184,12 @@ impl FileKind {
         let metadata = serde_json::to_string(metadata).map_err(|e| self.foreign(path, &e))?;
         let views: Vec<_> = tensors
             .iter()
-            .map(|t| Ok((t.name, TensorView::new(t.dtype, vec![t.rows, t.columns], &t.data)?)))
+            .map(|t| {
+                Ok((
+                    t.name.as_str(),
+                    TensorView::new(t.dtype, vec![t.rows, t.columns], &t.data)?,
+                ))
+            })
             .collect::<Result<_, safetensors::SafeTensorError>>()
             .map_err(|e| self.foreign(path, &e))?;
         let entries = HashMap::from([(self.key.to_owned(), metadata)]);
@@ -249,44 +255,44 @@ impl<'a> Reader<'a> {
         self.tensors.tensor(tensor).is_ok()
     }
 
-    pub fn points(&self, tensor: &'static str) -> Result<Vec<Point>, TensorFileError> {
+    pub fn points(&self, tensor: &str) -> Result<Vec<Point>, TensorFileError> {
         Ok(self.rows::<3>(tensor)?.into_iter().map(Point::from).collect())
     }
 
-    pub fn rows<const N: usize>(&self, tensor: &'static str) -> Result<Vec<[f64; N]>, TensorFileError> {
+    pub fn rows<const N: usize>(&self, tensor: &str) -> Result<Vec<[f64; N]>, TensorFileError> {
         let data = self.data(tensor, Dtype::F64, N)?;
         let (numbers, _) = data.as_chunks::<8>();
         let (rows, _) = numbers.as_chunks::<N>();
         Ok(rows.iter().map(|row| row.map(f64::from_le_bytes)).collect())
     }
 
-    pub fn integers<const N: usize>(&self, tensor: &'static str) -> Result<Vec<[i32; N]>, TensorFileError> {
+    pub fn integers<const N: usize>(&self, tensor: &str) -> Result<Vec<[i32; N]>, TensorFileError> {
         let data = self.data(tensor, Dtype::I32, N)?;
         let (words, _) = data.as_chunks::<4>();
         let (rows, _) = words.as_chunks::<N>();
         Ok(rows.iter().map(|row| row.map(i32::from_le_bytes)).collect())
     }
 
-    pub fn triangles(&self, tensor: &'static str) -> Result<Vec<[u32; 3]>, TensorFileError> {
+    pub fn triangles(&self, tensor: &str) -> Result<Vec<[u32; 3]>, TensorFileError> {
         let data = self.data(tensor, Dtype::U32, 3)?;
         let (words, _) = data.as_chunks::<4>();
         let (triangles, _) = words.as_chunks::<3>();
         Ok(triangles.iter().map(|t| t.map(u32::from_le_bytes)).collect())
     }
 
-    pub fn tets(&self, tensor: &'static str) -> Result<Vec<[u32; 4]>, TensorFileError> {
+    pub fn tets(&self, tensor: &str) -> Result<Vec<[u32; 4]>, TensorFileError> {
         let data = self.data(tensor, Dtype::U32, 4)?;
         let (words, _) = data.as_chunks::<4>();
         let (tets, _) = words.as_chunks::<4>();
         Ok(tets.iter().map(|t| t.map(u32::from_le_bytes)).collect())
     }
 
-    pub fn bytes(&self, tensor: &'static str) -> Result<Vec<[u8; 3]>, TensorFileError> {
+    pub fn bytes(&self, tensor: &str) -> Result<Vec<[u8; 3]>, TensorFileError> {
         let (rows, _) = self.data(tensor, Dtype::U8, 3)?.as_chunks::<3>();
         Ok(rows.to_vec())
     }
 
-    fn data(&self, tensor: &'static str, dtype: Dtype, columns: usize) -> Result<&[u8], TensorFileError> {
+    fn data(&self, tensor: &str, dtype: Dtype, columns: usize) -> Result<&[u8], TensorFileError> {
         let view = self
             .tensors
             .tensor(tensor)
@@ -301,11 +307,11 @@ impl<'a> Reader<'a> {
         }
     }
 
-    pub fn problem(&self, tensor: &'static str, problem: String) -> TensorFileError {
+    pub fn problem(&self, tensor: &str, problem: String) -> TensorFileError {
         TensorFileError::Tensor {
             path: self.path.to_owned(),
             kind: self.kind.name,
-            tensor,
+            tensor: tensor.to_owned(),
             problem,
         }
     }

@@ -6,12 +6,10 @@
 //! the polycube's boundary has its point of the model's own, one to one.
 
 use super::{HexmeshError, HexmeshOptions, HexmeshPhase, Model};
-use crate::boundary_map::pair::{PairError, PairOptions, map_pair};
+use crate::boundary_map::pair::{PairOptions, map_pair, over_surface};
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::progress::ProgressControl;
-use crate::spherical::SphericalEmbedding;
-use crate::toroidal::ToroidalEmbedding;
 
 /// What is known of a simplified model.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -78,21 +76,5 @@ pub(super) fn onto_model(
         of: model.vertices().len(),
         distortion: pair.after,
     };
-    let from_polycube = if let (Some(embedding), Some(target)) = (onto.domain_embedding(), onto.target_embedding()) {
-        let embedding = SphericalEmbedding::new(polycube, embedding.directions())
-            .map_err(|error| PairError::Sphere { side: "domain", error })?;
-        BoundaryMap::through_sphere(embedding, target.clone())?
-    } else if let Some([embedding, target]) = onto.torus_embeddings() {
-        let embedding = ToroidalEmbedding::new(polycube, embedding.positions(), embedding.translations())
-            .map_err(|error| PairError::Torus { side: "domain", error })?;
-        BoundaryMap::through_torus(embedding, target.clone())?
-    } else if let Some([embedding, target]) = onto.hyperbolic_embeddings() {
-        let embedding = embedding
-            .over(polycube)
-            .map_err(|error| PairError::Hyperbolic { side: "domain", error })?;
-        BoundaryMap::through_hyperbolic_surface(embedding, target.clone())?
-    } else {
-        return Err(PairError::NoEmbedding.into());
-    };
-    Ok((from_polycube, report))
+    Ok((over_surface(&onto, polycube)?, report))
 }

@@ -109,6 +109,15 @@ pub enum ImproveError {
          pair` does"
     )]
     NoEmbedding,
+    /// The map is of a solid with several shells.
+    #[error(
+        "the boundary map is of a solid of {shells} shells (components and cavities), and only maps of one can be improved; improve those \
+         of the shells, each as a model of its own"
+    )]
+    SeveralShells {
+        /// How many.
+        shells: usize,
+    },
     /// An option is out of range.
     #[error("`{option}` is {value}, but must be {range}")]
     Option {
@@ -195,7 +204,7 @@ pub struct ImproveReport {
 ///
 /// # Errors
 ///
-/// When the map is not one between two surfaces ([`ImproveError::NoEmbedding`]), cannot be fitted, or `progress` cancels.
+/// When the map is not one between two surfaces ([`ImproveError::NoEmbedding`]) of one shell each, cannot be fitted, or `progress` cancels.
 pub fn improve_boundary<R: ProgressResponse>(
     map: &BoundaryMap,
     options: &ImproveOptions,
@@ -242,6 +251,8 @@ pub fn improve_boundary<R: ProgressResponse>(
         let onto = HyperbolicTarget::new(target.clone());
         let layout = HyperbolicLayout::of_embedding(domain);
         improvement.improved(layout, &onto, onto.scale, domain.surface(), &through)
+    } else if let Some(shells) = map.shells() {
+        Err(ImproveError::SeveralShells { shells: shells.len() })
     } else {
         Err(ImproveError::NoEmbedding)
     }

@@ -70,9 +70,11 @@ pub enum SphereStartKind {
 
 #[derive(Debug, Args)]
 pub struct BoundaryPairArgs {
-    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra; of any genus
+    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra; of any genus, with any
+    /// components and cavities
     pub domain: PathBuf,
-    /// Boundary of the solid to map to, or a mesh of it by tetrahedra or hexahedra; of the same genus
+    /// Boundary of the solid to map to, or a mesh of it by tetrahedra or hexahedra; of the same genus,
+    /// with as many components and cavities
     pub target: PathBuf,
     #[command(flatten)]
     pub pair: PairArgs,

@@ -125,9 +125,9 @@ class BoundaryMap {
   /// cores. Throws Error (invalid_input, numerical, cancelled).
   static BoundaryMap to_sphere(const Surface& domain, SphereEnergy energy = SphereEnergy::balanced,
                                const ProgressCallback& progress = {});
-  /// A bijection between two surfaces of the same genus (with handles: without landmarks), and no known correspondence. About
-  /// 20 s for 15 000 vertices on two cores. The callback is called about ten times per second.
-  /// Throws Error (invalid_input: other genus, landmarks that cannot be met; cancelled).
+  /// A bijection between two surfaces of the same genus (with handles: without landmarks), and no known correspondence; of solids
+  /// with as many components and cavities each is mapped by itself. About 20 s for 15 000 vertices on two cores. The callback is called about ten times per second.
+  /// Throws Error (invalid_input: other genus, components or cavities that do not match, landmarks that cannot be met; cancelled).
   static BoundaryMap pair(const Surface& domain, const Surface& target, const PairOptions& options = {},
                           const ProgressCallback& progress = {}, PairReport* report = nullptr);
 

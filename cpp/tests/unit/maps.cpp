@@ -347,6 +347,18 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
   soft.landmarks_weight = -1.0;
   CHECK(thrown_by([&] { BoundaryMap::pair(cube, shapes::sphere(1.0, 2), soft); }) == "invalid_input");
   CHECK(pair.target().vertices().size() == 162);
+
+  // A solid with a cavity: each shell by itself.
+  const Surface ball = shapes::sphere(1.0, 2);
+  std::vector<Point> vertices(ball.vertices().begin(), ball.vertices().end());
+  std::vector<Triangle> triangles(ball.triangles().begin(), ball.triangles().end());
+  for (const Point& p : ball.vertices()) vertices.push_back({0.3 * p[0] + 0.2, 0.3 * p[1], 0.3 * p[2]});
+  for (const Triangle& t : ball.triangles()) triangles.push_back({t[0] + 162, t[2] + 162, t[1] + 162});
+  const Surface hollow(vertices, triangles);
+  const BoundaryMap shells = BoundaryMap::pair(hollow, hollow);
+  CHECK(shells.inverse().inverse().images().size() == 324);
+  CHECK(distance(shells.images()[200], hollow.vertices()[200]) < 0.7);
+  CHECK(thrown_by([&] { BoundaryMap::pair(hollow, ball); }) == "invalid_input");
   CHECK(pair.inverse().domain().vertices().size() == 162);
   CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");
 }

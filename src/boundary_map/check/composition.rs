@@ -60,7 +60,7 @@ pub(super) const MOST_CUTS: u32 = 2;
 /// [`super::check`] for compositions.
 pub(super) fn check(
     map: &BoundaryMap,
-    composition: &Composition,
+    shells: &[ComposedShell],
     target: Option<&SurfaceMesh>,
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
@@ -85,8 +85,10 @@ pub(super) fn check(
         let pair = (given, &queried(given)?);
         coverage = Some(Coverage::measure((&covered, &covered_query), pair, options));
     }
-    let embeddings = [Some(composition.domain()), composition.target()];
-    let embeddings: Vec<EmbeddingCheck> = embeddings.into_iter().flatten().map(SurfaceEmbedding::check).collect();
+    let embeddings = shells
+        .iter()
+        .flat_map(|(composition, _)| [Some(composition.domain()), composition.target()]);
+    let embeddings: Vec<EmbeddingCheck> = embeddings.flatten().map(SurfaceEmbedding::check).collect();
     let flat = |mesh: &SurfaceMesh| -> Vec<u32> {
         let triangles = (0..mesh.triangles().len() as u32).into_par_iter();
         triangles.filter(|&t| is_flat(&mesh.corners(t as usize))).collect()
@@ -94,9 +96,9 @@ pub(super) fn check(
     let folded = FoldedEdges::find(domain, &plain);
     let covering = Covering {
         triangles: domain.triangles().len(),
-        compared_with: match composition.target() {
-            Some(_) => ComparedWith::Target,
-            None => ComparedWith::Sphere {
+        compared_with: match shells.iter().all(|(composition, _)| composition.target().is_some()) {
+            true => ComparedWith::Target,
+            false => ComparedWith::Sphere {
                 centre: [0.0; 3],
                 radius: 1.0,
             },
@@ -106,14 +108,7 @@ pub(super) fn check(
             agreement: 1.0,
             points: 0,
         }),
-        flipped: match composition.domain() {
-            SurfaceEmbedding::Sphere(embedding) => triangles_facing(
-                Facing::Inward,
-                &facings_on_sphere(embedding.surface(), embedding.directions()),
-            ),
-            // Whoever made or read it has refused flipped triangles.
-            other => other.check().first_flipped.into_iter().collect(),
-        },
+        flipped: shells.iter().flat_map(flipped).collect(),
         degenerate: vec![],
         flat_in_domain: flat(domain),
     };
@@ -131,11 +126,15 @@ pub(super) fn check(
     let checked = CompositionCheck {
         embeddings,
         flat_in_target: map.target_surface().map_or(0, |mesh| flat(mesh).len()),
-        round_trip: RoundTrip::measure(map, composition, options),
+        round_trip: RoundTrip::measure(map, options),
         cuts,
         plain_image_flipped,
-        through_torus: composition.domain().as_torus().is_some(),
-        through_hyperbolic_surface: composition.domain().as_hyperbolic().is_some(),
+        through_torus: shells
+            .iter()
+            .any(|(composition, _)| composition.domain().as_torus().is_some()),
+        through_hyperbolic_surface: shells
+            .iter()
+            .any(|(composition, _)| composition.domain().as_hyperbolic().is_some()),
     };
     let distortion = SurfaceDistortion::of(fine.domain(), fine.image());
     let worst_places = measurements.worst_places((fine.domain(), fine.image()), options.worst_places);
@@ -143,6 +142,38 @@ pub(super) fn check(
         worst_places,
         ..measurements.report(distortion, self_intersections, Some(checked))
     })
+}
+
+/// The composition of a shell, and the shell's triangles in the domain; `None` where it is the whole domain.
+pub(super) type ComposedShell<'a> = (&'a Composition, Option<&'a [u32]>);
+
+/// The compositions that a map is made of; none for other maps.
+pub(super) fn shells_of(map: &BoundaryMap) -> Vec<ComposedShell<'_>> {
+    match (map.composition(), map.shell_maps()) {
+        (Some(composition), _) => vec![(composition, None)],
+        (None, Some(maps)) => {
+            let compositions = maps.compositions();
+            compositions
+                .map(|(composition, triangles)| (composition, Some(triangles)))
+                .collect()
+        }
+        (None, None) => vec![],
+    }
+}
+
+/// Triangles of the domain that are inverted in the embedding.
+fn flipped((composition, triangles): &ComposedShell) -> Vec<u32> {
+    let own: Vec<u32> = match composition.domain() {
+        SurfaceEmbedding::Sphere(embedding) => triangles_facing(
+            Facing::Inward,
+            &facings_on_sphere(embedding.surface(), embedding.directions()),
+        ),
+        // Whoever made or read it has refused flipped triangles.
+        other => other.check().first_flipped.into_iter().collect(),
+    };
+    own.into_iter()
+        .map(|t| triangles.map_or(t, |triangles| triangles[t as usize]))
+        .collect()
 }
 
 /// The map over a subdivided domain, and the number of subdivisions.
@@ -200,13 +231,14 @@ impl SurfaceDistance {
 }
 
 impl RoundTrip {
-    fn measure(map: &BoundaryMap, composition: &Composition, options: &BoundaryCheckOptions) -> Self {
+    fn measure(map: &BoundaryMap, options: &BoundaryCheckOptions) -> Self {
         let domain = map.domain();
         let mut points = vertex_places(domain);
         points.extend(Collocation::even(domain, options.samples, options.seed).points);
-        let returned = match (map.evaluate_on_target(&points), map.inverse()) {
-            (Some(on_target), Some(back)) => back.evaluate(&on_target),
-            _ => {
+        let returned = match (map.evaluate_on_target(&points), map.inverse(), map.composition()) {
+            (Some(on_target), Some(back), _) => back.evaluate(&on_target),
+            (_, _, None) => vec![],
+            (_, _, Some(composition)) => {
                 let surface = composition.domain().surface();
                 let found = points
                     .par_iter()

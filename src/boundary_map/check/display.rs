@@ -77,7 +77,9 @@ impl BoundaryCheck {
         let composition = self.composition.as_ref();
         let is_torus = composition.is_some_and(|composition| composition.through_torus);
         let is_hyperbolic = composition.is_some_and(|composition| composition.through_hyperbolic_surface);
+        let is_by_shells = composition.is_some_and(|composition| composition.embeddings.len() > 2);
         let against = match self.compared_with {
+            ComparedWith::Target if is_by_shells => "the target, shell by shell".into(),
             ComparedWith::Target if is_torus => "the target, through a flat torus".into(),
             ComparedWith::Target if is_hyperbolic => "the target, through a hyperbolic surface".into(),
             ComparedWith::Target if is_composition => "the target, through the sphere".into(),

@@ -194,8 +194,9 @@ pub fn check(
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
 ) -> Result<BoundaryCheck, BoundaryCheckError> {
-    if let Some(embeddings) = map.composition() {
-        return composition::check(map, embeddings, target, options, self_intersections);
+    let shells = composition::shells_of(map);
+    if !shells.is_empty() {
+        return composition::check(map, &shells, target, options, self_intersections);
     }
     let (domain, _) = repair(map.domain());
     SurfaceQuery::with_winding_sign(&domain).map_err(BoundaryCheckError::Domain)?;

@@ -10,7 +10,8 @@
 //!
 //! No step inverts a triangle on the sphere, so the result is a bijection at every point of the surface.
 //!
-//! Two solids of genus 1 are mapped through a flat torus instead, and two of more handles through a hyperbolic surface.
+//! Two solids of genus 1 are mapped through a flat torus instead, and two of more handles through a hyperbolic surface. Of solids with
+//! several shells, which are components or cavities, each is mapped by itself.
 
 mod alignment;
 mod bent;
@@ -28,6 +29,7 @@ mod oriented_query;
 mod report;
 mod rotation;
 mod search;
+mod shells;
 mod soft_targets;
 mod star;
 mod starts;
@@ -47,7 +49,7 @@ pub use options::{PairMethod, PairOptions};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
 pub use report::{
     HyperbolicReport, NearerIsometry, PairAlternative, PairError, PairPhase, PairReport, PairStart, PairStartKind,
-    PairTimings, TorusReport,
+    PairTimings, ShellReport, TorusReport,
 };
 pub use rotation::{RotationMatch, search_rotations};
 pub use stretch::Stretch;
@@ -62,7 +64,7 @@ use crate::spherical::{
     Hierarchy, SphereEnergy, SphereOptions, SphericalEmbedding, SphericalError, genus, map_to_sphere, require_genus,
     require_genus_0, require_scale,
 };
-use crate::toroidal::{ToroidalError, require_genus_1};
+use crate::toroidal::{ToroidalEmbedding, ToroidalError, require_genus_1};
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pin, Pins};
 use inter_surface::{InverseEmbedding, Spring};
 
@@ -115,6 +117,9 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
     options: &PairOptions,
     progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<PairMaps, PairError> {
+    if [domain, target].iter().any(|surface| has_several_shells(surface)) {
+        return shells::map_shells(domain, target, options, progress);
+    }
     match common_genus([domain, target], options)? {
         0 => {}
         1 => return map_tori(domain, target, options, progress),
@@ -197,6 +202,31 @@ impl<'a> Given<'a> {
 fn of_no_handle(side: &'static str) -> PairError {
     let error = ToroidalError::Genus { genus: 0 };
     PairError::Torus { side, error }
+}
+
+/// Whether it is closed and manifold, and has more than one component.
+fn has_several_shells(surface: &SurfaceMesh) -> bool {
+    matches!(genus(surface), Err(SphericalError::Components { components }) if components > 1)
+}
+
+/// The same embeddings with another surface of the same triangles in place of the domain.
+pub(crate) fn over_surface(map: &BoundaryMap, surface: SurfaceMesh) -> Result<BoundaryMap, PairError> {
+    if let (Some(embedding), Some(target)) = (map.domain_embedding(), map.target_embedding()) {
+        let embedding = SphericalEmbedding::new(surface, embedding.directions())
+            .map_err(|error| PairError::Sphere { side: "domain", error })?;
+        Ok(BoundaryMap::through_sphere(embedding, target.clone())?)
+    } else if let Some([embedding, target]) = map.torus_embeddings() {
+        let embedding = ToroidalEmbedding::new(surface, embedding.positions(), embedding.translations())
+            .map_err(|error| PairError::Torus { side: "domain", error })?;
+        Ok(BoundaryMap::through_torus(embedding, target.clone())?)
+    } else if let Some([embedding, target]) = map.hyperbolic_embeddings() {
+        let embedding = embedding
+            .over(surface)
+            .map_err(|error| PairError::Hyperbolic { side: "domain", error })?;
+        Ok(BoundaryMap::through_hyperbolic_surface(embedding, target.clone())?)
+    } else {
+        Err(PairError::NoEmbedding)
+    }
 }
 
 /// The genus of both solids.

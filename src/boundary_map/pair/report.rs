@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::map_pair;
 use super::{AlignError, CurveError, LandmarkError, PairMethod, SoftTargetSchedule, Stretch};
 use crate::boundary_map::{BoundaryMapError, SurfaceDistortion};
+use crate::check::ShellsError;
 use crate::hyperbolic::HyperbolicError;
 use crate::spherical::{SpherePhase, SphericalError};
 use crate::toroidal::ToroidalError;
@@ -114,6 +115,9 @@ pub struct PairReport {
     pub is_reversed: bool,
     /// How much of the domain is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
+    /// The shells of the domain in the order of their first triangles, where there are several. Then `after`, `stretch`, `landmarks`,
+    /// `timings` and `warnings` are of all, and all else is of the largest.
+    pub shells: Vec<ShellReport>,
     /// Wall time by phase.
     #[serde(rename = "seconds")]
     pub timings: PairTimings,
@@ -176,6 +180,7 @@ impl PairReport {
             nearer_isometry: None,
             is_reversed: false,
             stretch,
+            shells: vec![],
             timings: PairTimings::default(),
             concluded: false,
             warnings: vec![],
@@ -184,8 +189,31 @@ impl PairReport {
 
     /// Whether the map is one to one but probably not the one that is wanted: a limb is in the wrong place.
     pub fn looks_wrong(&self) -> bool {
-        self.stretch.looks_wrong() || self.nearer_isometry.is_some()
+        let is_stretched = |shell: &ShellReport| shell.stretched > self.stretch.limit;
+        self.stretch.looks_wrong() || self.nearer_isometry.is_some() || self.shells.iter().any(is_stretched)
     }
+}
+
+/// How a shell was mapped, of a solid that has several.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ShellReport {
+    /// The shell of the target that it goes to. Shells count from 0 in the order of their first triangles.
+    pub target: usize,
+    /// Whether it bounds a cavity.
+    pub is_cavity: bool,
+    /// Its handles.
+    pub genus: u64,
+    /// Its vertices.
+    pub vertices: usize,
+    /// Those of the target's shell.
+    pub target_vertices: usize,
+    /// How it was embedded.
+    #[serde(rename = "via")]
+    pub method: PairMethod,
+    /// Distortion of its map.
+    pub distortion: SurfaceDistortion,
+    /// The share of its area that is stretched too far ([`Stretch::share`]).
+    pub stretched: f64,
 }
 
 /// A correspondence by intrinsic shape beside a map.
@@ -319,6 +347,47 @@ pub enum PairError {
         side: &'static str,
         /// Why not.
         error: HyperbolicError,
+    },
+    /// The shells of a solid cannot be told apart.
+    #[error("the shells of the {side} cannot be told apart: {error}")]
+    Shells {
+        /// `"domain"` or `"target"`.
+        side: &'static str,
+        /// Why not.
+        error: ShellsError,
+    },
+    /// The solids have different numbers of shells, which are components and cavities.
+    #[error(
+        "the domain has {domain} shells (components and cavities) and the target {target}; a boundary map needs as many in \
+         both: `solidmap check` lists them"
+    )]
+    UnequalShells {
+        /// Shells of the domain.
+        domain: usize,
+        /// Shells of the target.
+        target: usize,
+    },
+    /// The shells do not match.
+    #[error(
+        "the shells (components and cavities) of the two solids do not match: {reason}; `solidmap check` lists them"
+    )]
+    NoMatchingShells {
+        /// Which do not.
+        reason: String,
+    },
+    /// A shell cannot be mapped.
+    #[error("shell {shell} of the domain, counted from 0: {error}")]
+    Shell {
+        /// Which, in the order of their first triangles.
+        shell: usize,
+        /// Why not.
+        error: Box<PairError>,
+    },
+    /// An option has no meaning for solids with several shells.
+    #[error("{option} cannot be used with solids of several shells (components and cavities); leave the option out")]
+    NotWithShells {
+        /// What was given.
+        option: &'static str,
     },
     /// The solids cannot be aligned.
     #[error(transparent)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
-use solidmap::boundary_map::pair::{PairMaps, PairMethod, PairReport, PairStartKind, TorusReport};
+use solidmap::boundary_map::pair::{PairMaps, PairMethod, PairReport, PairStartKind, ShellReport, TorusReport};
 
 use super::write;
 use crate::CommandOutcome;
@@ -172,6 +172,21 @@ fn hyperbolic_method(pair: &PairReport) -> String {
     )
 }
 
+fn shell_row(shell: usize, found: &ShellReport) -> String {
+    let kind = match found.is_cavity {
+        true => "cavity",
+        false => "solid",
+    };
+    format!(
+        "{shell}: {kind} of genus {}, {} vertices, to shell {} of {} vertices; {} % of the area stretched",
+        found.genus,
+        found.vertices,
+        found.target,
+        found.target_vertices,
+        significant(100.0 * found.stretched, 2)
+    )
+}
+
 fn summary(report: &PairSummary) -> String {
     let pair = &report.pair;
     let seconds = pair.timings;
@@ -199,6 +214,10 @@ fn summary(report: &PairSummary) -> String {
         [
             "map".into(),
             match pair.method {
+                _ if !pair.shells.is_empty() => {
+                    "one to one, shell by shell: no triangle flipped on the sphere, torus or hyperbolic surface, each covered once"
+                        .into()
+                }
                 PairMethod::FlatTori => {
                     "one to one: no triangle flipped on the torus, degree 1, decided exactly".into()
                 }
@@ -208,8 +227,23 @@ fn summary(report: &PairSummary) -> String {
                 _ => "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
             },
         ],
-        ["method".into(), method],
+        [
+            match pair.shells.is_empty() {
+                true => "method".into(),
+                false => "largest shell".into(),
+            },
+            method,
+        ],
     ];
+    for (shell, found) in pair.shells.iter().enumerate() {
+        rows.push([
+            match shell {
+                0 => "shells".into(),
+                _ => String::new(),
+            },
+            shell_row(shell, found),
+        ]);
+    }
     if pair.landmarks > 0 {
         let error = significant(100.0 * pair.landmark_error, 2);
         let how = match pair.landmark_error < MET {
