@@ -2,7 +2,7 @@
 
 use nalgebra::Rotation3;
 use solidmap::boundary_map::check::{BijectivityVerdict, BoundaryCheckOptions, check};
-use solidmap::boundary_map::pair::{Landmarks, PairError, PairOptions, PairReport, map_pair};
+use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairReport, map_pair};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError, ShellMap};
 use solidmap::check::ShellsError;
 use solidmap::files::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
@@ -246,4 +246,97 @@ fn maps_of_other_shells_are_refused() {
     };
     refused(vec![elsewhere(1), shells[1].clone()]);
     refused(vec![elsewhere(7), shells[1].clone()]);
+}
+
+/// A half turn of an ellipsoid, by landmarks: the cavity has to follow, although every alignment of the whole says otherwise.
+#[test]
+fn landmarks_count_more_than_what_is_inside() {
+    let outer = ball([0.0; 3], [1.0, 0.8, 0.6]);
+    let solid = joined(&outer, &ball([0.4, 0.0, 0.0], [0.2; 3]).reversed());
+    let half_turn = |p: &Point| Point::new(-p.x, -p.y, p.z);
+    let nearest = |p: Point| {
+        let distance = |&v: &usize| (outer.vertices()[v] - p).norm();
+        (0..outer.vertices().len())
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .unwrap() as u32
+    };
+    let ends = [[1.0, 0.0, 0.0], [0.0, 0.8, 0.0], [0.0, 0.0, 0.6], [-1.0, 0.0, 0.0]].map(Point::from);
+    let pairs: Vec<[u32; 2]> = ends.iter().map(|p| [nearest(*p), nearest(half_turn(p))]).collect();
+    let count = solid.vertices().len();
+    let options = PairOptions {
+        landmarks: Landmarks::new(pairs.clone(), count, count).unwrap(),
+        ..PairOptions::default()
+    };
+    let (map, report) = map_pair(&solid, &solid, &options, &|_| ()).unwrap();
+    assert_eq!(report.landmarks, 4);
+    assert!(report.landmark_error < 1e-9, "{}", report.landmark_error);
+    let [v, w] = pairs[0].map(|v| v as usize);
+    assert!((map.image()[v] - solid.vertices()[w]).norm() < 1e-9);
+}
+
+#[test]
+fn a_landmark_on_a_cavity_tells_where_the_shell_around_it_goes() {
+    let at = |x: f64| {
+        [
+            ball([x, 0.0, 0.0], [0.8, 0.7, 0.6]),
+            ball([x + 0.2, 0.0, 0.0], [0.2; 3]).reversed(),
+        ]
+    };
+    let [[a, b], [c, d]] = [at(0.0), at(3.0)];
+    let solid = joined_all(&[a, b, c, d]);
+    let count = solid.vertices().len();
+    let of_shell = (count / 4) as u32;
+    let options = PairOptions {
+        landmarks: Landmarks::new(vec![[of_shell, 3 * of_shell]], count, count).unwrap(),
+        ..PairOptions::default()
+    };
+    let (_, report) = map_pair(&solid, &solid, &options, &|_| ()).unwrap();
+    let targets: Vec<usize> = report.shells.iter().map(|shell| shell.target).collect();
+    assert_eq!(targets, [2, 3, 0, 1]);
+}
+
+#[test]
+fn cavities_turn_with_the_shell_around_them_by_conformal_maps_too() {
+    let solid = joined_all(&hollow());
+    let options = PairOptions {
+        method: PairMethod::Conformal,
+        ..PairOptions::default()
+    };
+    let (map, _) = map_pair(&solid, &solid, &options, &|_| ()).unwrap();
+    let off = error(&map, |p| *p);
+    assert!(off < 0.01, "{off}");
+}
+
+#[test]
+fn a_small_shell_that_is_stretched_is_named() {
+    let outer = ball([0.0; 3], [1.0, 0.9, 0.8]);
+    let cavity = |radii: [f64; 3]| joined(&outer, &ball([0.1, 0.0, 0.0], radii).reversed());
+    let (_, report) = map_pair(
+        &cavity([0.05; 3]),
+        &cavity([0.4, 0.004, 0.004]),
+        &PairOptions::default(),
+        &|_| (),
+    )
+    .unwrap();
+    assert!(report.looks_wrong() && !report.stretch.looks_wrong(), "{report:?}");
+    assert_eq!(report.stretched_shell(), Some(1));
+}
+
+#[test]
+fn shells_with_a_common_vertex_are_refused() {
+    let hollow = shapes::spherical_shell(1.0, 0.4, 2);
+    let count = hollow.vertices().len() / 2;
+    let mut triangles = hollow.triangles().to_vec();
+    let shared = triangles.iter_mut().flatten().filter(|v| **v == count as u32);
+    shared.for_each(|v| *v = 0);
+    // A vertex too many would be refused, too.
+    let vertices = hollow.vertices().to_vec();
+    let pinched = SurfaceMesh::new(vertices, triangles).unwrap();
+    let refused = map_pair(&pinched, &hollow, &PairOptions::default(), &|_| ())
+        .map(|_| ())
+        .unwrap_err();
+    assert!(matches!(refused, PairError::Sphere { side: "domain", .. }), "{refused}");
+    let (map, _) = mapped(&hollow, &hollow);
+    let made = BoundaryMap::by_shells(&pinched, &hollow, map.shells().unwrap().to_vec());
+    assert!(matches!(made, Err(BoundaryMapError::Shells { .. })), "{made:?}");
 }

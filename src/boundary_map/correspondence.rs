@@ -21,8 +21,8 @@ use crate::{Point, Vector};
 ///
 /// Given by images of the vertices alone, it is linear over the triangles in between. As a composition of embeddings
 /// ([`Self::onto_sphere`], [`Self::through_sphere`], [`Self::through_torus`], [`Self::through_hyperbolic_surface`], and
-/// [`Self::by_shells`] with one for each shell) it is a bijection with the target's surface, and the images of points between vertices lie on that surface, not on the straight triangles between the images of the
-/// vertices.
+/// [`Self::by_shells`] with one for each shell) it is a bijection with the target's surface, and the images of points
+/// between vertices lie on that surface, not on the straight triangles between the images of the vertices.
 ///
 /// Copies share the domain, the embeddings and the function.
 #[derive(Debug, Clone, PartialEq)]
@@ -183,8 +183,8 @@ impl BoundaryMap {
         })
     }
 
-    /// The map from the target's surface back to the domain's as it was before subdivision; `None` unless the map goes
-    /// through the sphere, a torus or a hyperbolic surface to another surface.
+    /// The map from the target's surface back to the domain's as it was before subdivision; `None` unless the map, or that of
+    /// each shell, goes through the sphere, a torus or a hyperbolic surface to another surface.
     pub fn inverse(&self) -> Option<Self> {
         if let Some(maps) = self.shell_maps() {
             return Self::by_shell_maps(maps.inverse()?).ok();

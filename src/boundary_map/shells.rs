@@ -109,6 +109,13 @@ impl ShellMaps {
             if std::mem::replace(&mut is_taken[*to], true) {
                 return Err(refused(format!("shell {to} of the target is taken twice")));
             }
+            // So that solids go to solids, and cavities to cavities.
+            let inside = domain_shells[shell].inside.map(|around| maps[around].target);
+            if inside != target_shells[*to].inside {
+                return Err(refused(format!(
+                    "shell {shell} and shell {to} lie in shells that do not correspond"
+                )));
+            }
         }
         Ok(Self {
             maps: Arc::new(maps),

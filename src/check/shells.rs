@@ -3,6 +3,7 @@
 use super::anatomy::{Anatomy, Shell, triangles_by_component};
 use super::repair::oriented;
 use crate::mesh::SurfaceMesh;
+use crate::mesh::topology::NONE;
 
 /// A component of a surface, as a surface of its own that faces outward.
 #[derive(Debug, Clone)]
@@ -23,13 +24,25 @@ pub(crate) struct ShellSurface {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ShellsError {
-    /// A component has no inside.
+    /// A triangle has no area because of its corners.
+    #[error("triangle {triangle} names a vertex twice")]
+    RepeatedVertex {
+        /// The first such triangle.
+        triangle: usize,
+    },
+    /// A vertex whose triangles form more than one fan.
+    #[error("vertex {vertex} belongs to several components, or its component touches itself there")]
+    SharedVertex {
+        /// The first such vertex.
+        vertex: u32,
+    },
+    /// A component has no inside: it is open, not manifold, not orientable, or flat.
     #[error("component {component} encloses no volume")]
     NoVolume {
         /// As [`CheckReport::components`](super::CheckReport::components) counts them.
         component: usize,
     },
-    /// Two components are partly inside each other.
+    /// Two components are partly inside each other, as up to 32 vertices of each tell.
     #[error("components {} and {} are partly inside each other", components[0], components[1])]
     Overlap {
         /// As [`CheckReport::components`](super::CheckReport::components) counts them.
@@ -49,6 +62,12 @@ pub(crate) fn shells_of(mesh: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<ShellSur
     let anatomy = Anatomy::of(mesh);
     if let Some(components) = anatomy.crowd {
         return Err(ShellsError::Crowd { components });
+    }
+    if let Some(triangle) = anatomy.components.of_triangle.iter().position(|&c| c == NONE) {
+        return Err(ShellsError::RepeatedVertex { triangle });
+    }
+    if let Some(&vertex) = anatomy.topology.non_manifold_vertices().first() {
+        return Err(ShellsError::SharedVertex { vertex });
     }
     if let Some(component) = anatomy.shells.iter().position(|shell| !shell.has_volume()) {
         return Err(ShellsError::NoVolume { component });

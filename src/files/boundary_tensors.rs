@@ -231,6 +231,7 @@ pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
     let unusable = |e: &dyn std::fmt::Display| reader.problem(IMAGE, format!("is unusable: {e}"));
     let of_domain = Names::of("domain", None);
     require_no_others(reader, header.way, None)?;
+    require_no_other_shells(reader, header.shells.len())?;
     let domain = surface(reader, &of_domain)?;
     let map = match header.way {
         Way::Straight => return BoundaryMap::new(domain, image).map_err(|e| unusable(&e)),
@@ -276,6 +277,21 @@ fn require_no_others(reader: &Reader, way: Way, shell: Option<usize>) -> Result<
         }
     }
     Ok(())
+}
+
+/// # Errors
+///
+/// When the file has tensors of more shells than these.
+fn require_no_other_shells(reader: &Reader, shells: usize) -> Result<(), TensorFileError> {
+    let number = |name: &str| name.strip_prefix("shell")?.split_once('_')?.0.parse::<usize>().ok();
+    let names = reader.names().into_iter();
+    match names
+        .filter(|name| number(name).is_some_and(|shell| shell >= shells))
+        .min()
+    {
+        Some(name) => Err(reader.problem(&name, "is of a shell that the metadata do not name".into())),
+        None => Ok(()),
+    }
 }
 
 /// The map of all shells, or of one, whose way is that of a composition.

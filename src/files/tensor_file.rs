@@ -251,6 +251,11 @@ impl<'a> Reader<'a> {
         T::deserialize(&self.metadata).map_err(|e| self.kind.foreign(self.path, &e))
     }
 
+    /// The names of all tensors.
+    pub fn names(&self) -> Vec<String> {
+        self.tensors.names().into_iter().map(|name| name.to_string()).collect()
+    }
+
     pub fn has(&self, tensor: &str) -> bool {
         self.tensors.tensor(tensor).is_ok()
     }

@@ -95,6 +95,7 @@ pub fn to_model(
             PairPhase::Sphere(..)
                 | PairPhase::Tori
                 | PairPhase::HyperbolicSurface
+                | PairPhase::Shell { .. }
                 | PairPhase::Aligning { .. }
                 | PairPhase::Intrinsic { .. }
         );
@@ -126,6 +127,15 @@ pub fn to_model(
     made.report.warnings.iter().for_each(|warning| output.warn(warning));
     if made.report.stretch.looks_wrong() {
         output.warn(looks_wrong(&made.report.stretch));
+    } else if let Some(shell) = made.report.stretched_shell() {
+        output.warn(format_args!(
+            "the boundary map looks wrong: {} % of the area of shell {shell}, counted from 0, is stretched or compressed over {} \
+             times. Up to {} % is expected (--max-stretched {})",
+            significant(100.0 * made.report.shells[shell].stretched, 2),
+            made.report.stretch.factor,
+            significant(100.0 * made.report.stretch.limit, 2),
+            made.report.stretch.limit
+        ));
     }
     if let Some(nearer) = &made.report.nearer_isometry {
         output.warn(format_args!(
@@ -209,6 +219,7 @@ pub fn show_phase(phase: PairPhase, output: &Output) {
         }
         PairPhase::Tori => output.progress("laying both solids out on tori"),
         PairPhase::HyperbolicSurface => output.progress("laying the target out on a hyperbolic surface"),
+        PairPhase::Shell { shell, of } => output.progress(format_args!("shell {shell} of {of}")),
         PairPhase::Intrinsic { done, of } => output.progress_of("intrinsic shapes", done, of),
         PairPhase::Aligning { of: 0, .. } => output.progress("aligning"),
         PairPhase::Aligning { done, of } => output.progress_of("aligning", done, of),

@@ -20,6 +20,13 @@ pub enum PairPhase {
     Tori,
     /// The target, of genus 2 or more, is laid out on a hyperbolic surface.
     HyperbolicSurface,
+    /// The next shell, of solids with several, is mapped: what follows is of this one.
+    Shell {
+        /// From 1 on.
+        shell: usize,
+        /// How many there are.
+        of: usize,
+    },
     /// The solids are aligned in space, or their conformal embeddings by a rotation.
     Aligning {
         /// Steps done so far.
@@ -116,7 +123,7 @@ pub struct PairReport {
     /// How much of the domain is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
     /// The shells of the domain in the order of their first triangles, where there are several. Then `after`, `stretch`, `landmarks`,
-    /// `timings` and `warnings` are of all, and all else is of the largest.
+    /// `timings` and `warnings` are of all, there are no `alternatives`, and all else is of the largest.
     pub shells: Vec<ShellReport>,
     /// Wall time by phase.
     #[serde(rename = "seconds")]
@@ -189,8 +196,13 @@ impl PairReport {
 
     /// Whether the map is one to one but probably not the one that is wanted: a limb is in the wrong place.
     pub fn looks_wrong(&self) -> bool {
-        let is_stretched = |shell: &ShellReport| shell.stretched > self.stretch.limit;
-        self.stretch.looks_wrong() || self.nearer_isometry.is_some() || self.shells.iter().any(is_stretched)
+        self.stretch.looks_wrong() || self.nearer_isometry.is_some() || self.stretched_shell().is_some()
+    }
+
+    /// The first shell of which too much is stretched, by its index.
+    pub fn stretched_shell(&self) -> Option<usize> {
+        let limit = self.stretch.limit;
+        self.shells.iter().position(|shell| shell.stretched > limit)
     }
 }
 

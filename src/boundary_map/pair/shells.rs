@@ -6,20 +6,22 @@
 //! the shell around it.
 
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 use rayon::prelude::*;
 
 use super::{
     AlignError, Alignment, AlignmentSurface, LandmarkCurve, Landmarks, PairAlternative, PairError, PairMaps,
-    PairOptions, PairPhase, PairReport, PairTimings, ShellReport, Stretch, align, distortion, map_pair,
+    PairMethod, PairOptions, PairPhase, PairReport, PairTimings, ShellReport, Stretch, align, distortion, map_pair,
     map_pair_with_alternatives, over_surface, product_of_quantiles,
 };
 use crate::boundary_map::{BoundaryMap, ShellMap};
 use crate::check::{ShellSurface, shells_of};
+use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, shapes};
-use crate::progress::ProgressResponse;
+use crate::progress::{ProgressControl, ProgressResponse};
 use crate::sampling::Collocation;
-use crate::spherical::genus;
+use crate::spherical::{SphericalError, genus};
 use crate::{Matrix3, Point, Vector};
 
 /// Points of a shell by which those inside are carried.
@@ -82,12 +84,18 @@ pub(super) fn map_shells<A: ProgressResponse>(
     if let Some((_, option)) = refused.into_iter().find(|(is_given, _)| *is_given) {
         return Err(PairError::NotWithShells { option });
     }
+    let begin = Instant::now();
     let sides = [Side::of("domain", domain)?, Side::of("target", target)?];
     let pairing = ShellPairing::new(&sides, options)?;
     let mut found: Vec<Option<(ShellMap, PairReport)>> = sides[0].kinds.iter().map(|_| None).collect();
     let mut waiting = pairing.outermost()?;
+    let (mut count, of) = (0, found.len());
     while let Some(next) = waiting.pop() {
         let [shell, to] = next.pair;
+        count += 1;
+        if progress(PairPhase::Shell { shell: count, of }).control() == ProgressControl::Cancel {
+            return Err(PairError::Cancelled);
+        }
         let in_shell = |error| match error {
             PairError::Cancelled => error,
             error => PairError::Shell {
@@ -102,7 +110,8 @@ pub(super) fn map_shells<A: ProgressResponse>(
     let (maps, reports): (Vec<ShellMap>, Vec<PairReport>) = found.into_iter().flatten().unzip();
     let shells = pairing.shell_reports(&maps, &reports);
     let map = BoundaryMap::by_shells(&sides[0].surface, &sides[1].surface, maps)?;
-    let report = pairing.report(&map, reports, shells)?;
+    let mut report = pairing.report(&map, reports, shells)?;
+    report.timings.total = begin.elapsed().as_secs_f64();
     Ok(PairMaps {
         map,
         report,
@@ -112,6 +121,11 @@ pub(super) fn map_shells<A: ProgressResponse>(
 
 impl Side {
     fn of(side: &'static str, surface: &SurfaceMesh) -> Result<Self, PairError> {
+        let of_side = |error| PairError::Sphere { side, error };
+        match genus(surface) {
+            Ok(_) | Err(SphericalError::Components { components: 2.. }) => {}
+            Err(error) => return Err(of_side(error)),
+        }
         let (surface, shells) = shells_of(surface).map_err(|error| PairError::Shells { side, error })?;
         let inside_of = |around: Option<usize>| {
             let kinds = shells.iter().enumerate();
@@ -124,7 +138,12 @@ impl Side {
         let inside: Vec<Vec<usize>> = (0..shells.len()).map(|shell| inside_of(Some(shell))).collect();
         let genera = shells.iter().map(|shell| genus(&shell.surface));
         let genera: Result<Vec<u64>, _> = genera.collect();
-        let genera = genera.map_err(|error| PairError::Sphere { side, error })?;
+        let genera = genera.map_err(of_side)?;
+        let unreferenced = Topology::new(&surface).unreferenced_vertices();
+        if let Some(&first) = unreferenced.first() {
+            let count = unreferenced.len();
+            return Err(of_side(SphericalError::Unreferenced { count, first }));
+        }
         let volume: f64 = outermost.iter().map(|&k| shells[k].surface.volume()).sum();
         let kinds = shells.into_iter().enumerate().map(|(k, shell)| Kind {
             genus: genera[k],
@@ -140,6 +159,12 @@ impl Side {
             outermost,
             size: volume.cbrt(),
         })
+    }
+
+    /// The shell that has all these vertices.
+    fn shell_of_all(&self, path: &[u32]) -> Option<usize> {
+        let shell = self.shell_of(*path.first()?)?;
+        path.iter().all(|&v| self.shell_of(v) == Some(shell)).then_some(shell)
     }
 
     fn shell_of(&self, vertex: u32) -> Option<usize> {
@@ -185,17 +210,26 @@ impl<'a> ShellPairing<'a> {
         let counts = [domain, target].map(|side| side.surface.vertices().len());
         let landmarks = options.landmarks.pairs();
         Landmarks::new(landmarks.to_vec(), counts[0], counts[1])?;
-        let first_of = |curve: &LandmarkCurve| Some([*curve.domain.first()?, *curve.target.first()?]);
-        let of_curves = options.curves.iter().filter_map(first_of);
         let mut joined = BTreeMap::new();
-        for [v, w] in landmarks.iter().copied().chain(of_curves) {
+        for &[v, w] in landmarks {
             let (Some(from), Some(to)) = (domain.shell_of(v), target.shell_of(w)) else {
                 return Err(unmatched(format!("no shells have the landmarks {v} and {w}")));
             };
-            if *joined.entry(from).or_insert(to) != to {
-                let reason = format!("landmarks take shell {from} of the domain to more than one of the target");
-                return Err(unmatched(reason));
-            }
+            join(sides, &mut joined, [from, to])?;
+        }
+        for (
+            curve,
+            LandmarkCurve {
+                domain: path,
+                target: to,
+            },
+        ) in options.curves.iter().enumerate()
+        {
+            let ends = [(domain, path), (target, to)].map(|(side, path)| side.shell_of_all(path));
+            let [Some(from), Some(to)] = ends else {
+                return Err(unmatched(format!("curve {curve} is not in one shell of each solid")));
+            };
+            join(sides, &mut joined, [from, to])?;
         }
         Ok(Self { sides, options, joined })
     }
@@ -246,9 +280,14 @@ impl<'a> ShellPairing<'a> {
         carried: &dyn Fn(&Point) -> Point,
     ) -> Result<Matched, PairError> {
         let [domain, target] = self.sides;
+        let places: BTreeMap<usize, Point> = shells[0]
+            .iter()
+            .map(|&k| (k, carried(&domain.kinds[k].centre)))
+            .collect();
+        let diagonal = target.surface.diagonal();
         let cost = |[from, to]: [usize; 2]| {
             let (a, b) = (&domain.kinds[from], &target.kinds[to]);
-            let distance = (carried(&a.centre) - b.centre).norm() / target.surface.diagonal();
+            let distance = (places[&from] - b.centre).norm() / diagonal;
             let ratio = (a.size / sizes[0]) / (b.size / sizes[1]);
             distance.powi(2) + SIZE_WEIGHT * ratio.ln().powi(2)
         };
@@ -258,11 +297,10 @@ impl<'a> ShellPairing<'a> {
             if !from.contains(&a) {
                 continue;
             }
-            if !to.contains(&b) || domain.kinds[a].signature != target.kinds[b].signature {
-                return Err(unmatched(format!(
-                    "landmarks take shell {a} of the domain to shell {b} of the target, which has other handles or shells \
-                     inside, or lies in another shell"
-                )));
+            if !to.contains(&b) {
+                let reason =
+                    format!("landmarks take shell {a} of the domain to shell {b} of the target, which lies elsewhere");
+                return Err(unmatched(reason));
             }
             from.retain(|&k| k != a);
             to.retain(|&k| k != b);
@@ -274,14 +312,11 @@ impl<'a> ShellPairing<'a> {
                 alike.entry(&self.sides[side].kinds[k].signature).or_default()[side].push(k);
             }
         }
-        for (signature, [from, to]) in &alike {
+        for [from, to] in alike.values() {
             if from.len() != to.len() {
-                let genus = signature.split('(').next().unwrap_or_default();
                 return Err(unmatched(format!(
-                    "of genus {genus}, and with the same shells inside, there are {} at one place of the domain, and {} at that of \
-                     the target",
-                    from.len(),
-                    to.len()
+                    "shells {from:?} of the domain have as many handles, and the same shells inside, as {to:?} of the target, which are not \
+                     as many"
                 )));
             }
             let row = |&a: &usize| to.iter().map(|&b| cost([a, b])).collect();
@@ -308,6 +343,12 @@ impl<'a> ShellPairing<'a> {
         let options = self.options_of([from, to])?;
         let surfaces = [&from.shell.surface, &to.shell.surface];
         let mut tried = vec![map];
+        // What cannot be mapped another way has a map all the same.
+        let others =
+            |options: &PairOptions| match map_pair_with_alternatives(surfaces[0], surfaces[1], options, progress) {
+                Err(PairError::Cancelled) => Err(PairError::Cancelled),
+                found => Ok(found.ok()),
+            };
         let as_good = |other: &&PairAlternative| other.energy_ratio <= MOST_ENERGY;
         let with_alternatives = PairOptions {
             alternatives: report
@@ -319,17 +360,21 @@ impl<'a> ShellPairing<'a> {
             ..options.clone()
         };
         if with_alternatives.alternatives > 0 {
-            let found = map_pair_with_alternatives(surfaces[0], surfaces[1], &with_alternatives, progress)?;
-            tried.extend(found.alternatives);
+            tried.extend(
+                others(&with_alternatives)?
+                    .into_iter()
+                    .flat_map(|found| found.alternatives),
+            );
         }
-        if from.genus == 0 && !options.aligned {
+        let is_free = !options.aligned && options.landmarks.pairs().is_empty() && options.curves.is_empty();
+        if is_free && from.genus == 0 && options.method == PairMethod::SoftTargets {
             for alignment in self.alignments()?.iter().take(MOST_ALIGNMENTS) {
                 let moved = surfaces[0].vertices().iter().map(|p| alignment.similarity.apply(p));
                 let from_alignment = PairOptions {
                     start: Some(BoundaryMap::new(surfaces[0].clone(), moved.collect())?),
                     ..options.clone()
                 };
-                tried.push(map_pair(surfaces[0], surfaces[1], &from_alignment, progress)?.0);
+                tried.extend(others(&from_alignment)?.map(|found| found.map));
             }
         }
         let mut rated = Vec::new();
@@ -347,9 +392,9 @@ impl<'a> ShellPairing<'a> {
             .unwrap_or_default();
         let (_, map, found) = rated.swap_remove(best);
         if best > 0 {
-            report.after = found;
+            (report.before, report.after) = (found, found);
             report.stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
-            (report.isometry_defect, report.nearer_isometry) = (None, None);
+            (report.isometry_defect, report.nearer_isometry, report.is_reversed) = (None, None, false);
             let warning =
                 "a map of another start was taken, because that of least distortion takes the shells inside elsewhere";
             report.warnings.push(warning.into());
@@ -392,7 +437,9 @@ impl<'a> ShellPairing<'a> {
         let Some(carried) = &waiting.carried else {
             return map_pair(surface, target, &options, progress);
         };
+        // Conformal maps do not know where a shell lies.
         let in_place = PairOptions {
+            method: PairMethod::SoftTargets,
             aligned: true,
             up: None,
             ..options
@@ -417,22 +464,19 @@ impl<'a> ShellPairing<'a> {
         let own = |kind: &Kind, v: u32| kind.shell.vertices.binary_search(&v).ok().map(|own| own as u32);
         let pairs = self.options.landmarks.pairs().iter();
         let pairs: Vec<[u32; 2]> = pairs.filter_map(|&[v, w]| Some([own(from, v)?, own(to, w)?])).collect();
-        let mut curves = Vec::new();
-        for (curve, LandmarkCurve { domain, target }) in self.options.curves.iter().enumerate() {
-            let path = |kind: &Kind, path: &[u32]| path.iter().map(|&v| own(kind, v)).collect::<Vec<_>>();
-            let [a, b] = [path(from, domain), path(to, target)];
-            if a.iter().chain(&b).all(Option::is_none) {
-                continue;
-            }
-            let [domain, target] = [a, b].map(|path| path.into_iter().collect::<Option<Vec<u32>>>());
-            let (Some(domain), Some(target)) = (domain, target) else {
-                return Err(unmatched(format!("curve {curve} has vertices in several shells")));
-            };
-            curves.push(LandmarkCurve { domain, target });
-        }
+        let path = |kind: &Kind, path: &[u32]| path.iter().map(|&v| own(kind, v)).collect::<Option<Vec<u32>>>();
+        let curves = self.options.curves.iter().filter_map(|curve| {
+            Some(LandmarkCurve {
+                domain: path(from, &curve.domain)?,
+                target: path(to, &curve.target)?,
+            })
+        });
+        // With a handle that says nothing.
+        let up = self.options.up.filter(|_| from.genus != 1);
         Ok(PairOptions {
             landmarks: Landmarks::new(pairs, from.shell.vertices.len(), to.shell.vertices.len())?,
-            curves,
+            curves: curves.collect(),
+            up,
             ..self.options.clone()
         })
     }
@@ -475,7 +519,10 @@ impl<'a> ShellPairing<'a> {
             total: seconds(|t| t.total),
         };
         let landmarks = reports.iter().map(|report| report.landmarks).sum();
-        let landmark_error = reports.iter().map(|report| report.landmark_error).fold(0.0, f64::max);
+        let of_target = |shell: &ShellReport| self.sides[1].kinds[shell.target].shell.surface.diagonal();
+        let landmark_errors = reports.iter().zip(&shells);
+        let landmark_errors = landmark_errors.map(|(report, shell)| report.landmark_error * of_target(shell));
+        let landmark_error = landmark_errors.fold(0.0, f64::max) / self.sides[1].surface.diagonal();
         let concluded = reports.iter().any(|report| report.concluded);
         let size = |&shell: &usize| self.sides[0].kinds[shell].size;
         let outermost = self.sides[0].outermost.iter().copied();
@@ -483,6 +530,7 @@ impl<'a> ShellPairing<'a> {
         Ok(PairReport {
             landmarks,
             landmark_error,
+            alternatives: vec![],
             after: distortion(map).ok_or_else(no_area)?,
             stretch: Stretch::of(map, self.options.most_stretched).ok_or_else(no_area)?,
             shells,
@@ -492,6 +540,44 @@ impl<'a> ShellPairing<'a> {
             ..reports.swap_remove(largest.unwrap_or_default())
         })
     }
+}
+
+/// Records that landmarks take a shell to another, and so the shells around it to those around that.
+///
+/// # Errors
+///
+/// When that cannot be.
+fn join(sides: &[Side; 2], joined: &mut BTreeMap<usize, usize>, pair: [usize; 2]) -> Result<(), PairError> {
+    let mut next = Some(pair);
+    while let Some([from, to]) = next {
+        let [a, b] = [&sides[0].kinds[from], &sides[1].kinds[to]];
+        if a.genus > 0 {
+            let (shell, genus) = (from, a.genus);
+            let error = Box::new(PairError::NotWithHandles {
+                option: "landmarks",
+                genus,
+            });
+            return Err(PairError::Shell { shell, error });
+        }
+        let is_taken = joined.iter().any(|(&shell, &other)| (shell == from) != (other == to));
+        if is_taken || a.signature != b.signature {
+            return Err(unmatched(format!(
+                "landmarks take shell {from} of the domain to shell {to} of the target, and another one to it or it to another one, or \
+                 the two have other handles or shells inside"
+            )));
+        }
+        joined.insert(from, to);
+        next = match [a.shell.inside, b.shell.inside] {
+            [Some(from), Some(to)] => Some([from, to]),
+            [None, None] => None,
+            _ => {
+                return Err(unmatched(format!(
+                    "landmarks take shell {from} of the domain to shell {to} of the target, of which one lies in another shell"
+                )));
+            }
+        };
+    }
+    Ok(())
 }
 
 fn no_area() -> PairError {
