@@ -219,7 +219,7 @@ pub fn show_phase(phase: PairPhase, output: &Output) {
         }
         PairPhase::Tori => output.progress("laying both solids out on tori"),
         PairPhase::HyperbolicSurface => output.progress("laying the target out on a hyperbolic surface"),
-        PairPhase::Shell { shell, of } => output.progress(format_args!("shell {shell} of {of}")),
+        PairPhase::Shell { shell, of } => output.progress(format!("shell {shell} of {of}")),
         PairPhase::Intrinsic { done, of } => output.progress_of("intrinsic shapes", done, of),
         PairPhase::Aligning { of: 0, .. } => output.progress("aligning"),
         PairPhase::Aligning { done, of } => output.progress_of("aligning", done, of),
