@@ -31,6 +31,8 @@ const SEED: u64 = 1;
 const SIZE_WEIGHT: f64 = 0.05;
 /// Shells inside are where they belong when a map takes them this near; see [`ShellPairing::off_inside`].
 const NEAR: f64 = 0.03;
+/// A warning says so when the best map takes them farther than this.
+const FAR: f64 = 0.1;
 /// Weight of that distance beside the distortion, where maps are compared.
 const OFF_WEIGHT: f64 = 20.0;
 /// What else is tried: maps of up to this many times the least energy, and alignments of the whole solids.
@@ -217,17 +219,10 @@ impl<'a> ShellPairing<'a> {
             };
             join(sides, &mut joined, [from, to])?;
         }
-        for (
-            curve,
-            LandmarkCurve {
-                domain: path,
-                target: to,
-            },
-        ) in options.curves.iter().enumerate()
-        {
-            let ends = [(domain, path), (target, to)].map(|(side, path)| side.shell_of_all(path));
-            let [Some(from), Some(to)] = ends else {
-                return Err(unmatched(format!("curve {curve} is not in one shell of each solid")));
+        for (index, curve) in options.curves.iter().enumerate() {
+            let paths = [(domain, &curve.domain), (target, &curve.target)];
+            let [Some(from), Some(to)] = paths.map(|(side, path)| side.shell_of_all(path)) else {
+                return Err(unmatched(format!("curve {index} is not in one shell of each solid")));
             };
             join(sides, &mut joined, [from, to])?;
         }
@@ -385,12 +380,13 @@ impl<'a> ShellPairing<'a> {
                 product_of_quantiles(&found).cbrt() * (1.0 + OFF_WEIGHT * off),
                 map,
                 found,
+                off,
             ));
         }
         let best = (0..rated.len())
             .min_by(|&a, &b| rated[a].0.total_cmp(&rated[b].0))
             .unwrap_or_default();
-        let (_, map, found) = rated.swap_remove(best);
+        let (_, map, found, off) = rated.swap_remove(best);
         if best > 0 {
             (report.before, report.after) = (found, found);
             report.stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
@@ -399,22 +395,34 @@ impl<'a> ShellPairing<'a> {
                 "a map of another start was taken, because that of least distortion takes the shells inside elsewhere";
             report.warnings.push(warning.into());
         }
+        if off > FAR {
+            report.warnings.push(format!(
+                "the shells inside are taken {:.0} % of the target's diagonal from those of the target: the volume is stretched there, or the \
+                 map is not the one that you want; then give landmarks",
+                100.0 * off
+            ));
+        }
         Ok((map, report))
     }
 
     /// How far a map takes the shells inside, and those inside of them, from where they are in the target: root mean square of the
-    /// distances, over the target's diagonal, and of differences of size.
+    /// distances of their centres, over the target's diagonal.
     fn off_inside(&self, pair: [usize; 2], map: &BoundaryMap) -> Result<f64, PairError> {
+        let [domain, target] = self.sides;
         let carrier = Carrier::of(map);
         let (mut open, mut count, mut sum) = (vec![pair], 0, 0.0);
         while let Some([from, to]) = open.pop() {
-            let around = [&self.sides[0].kinds[from], &self.sides[1].kinds[to]];
+            let around = [&domain.kinds[from], &target.kinds[to]];
             let inside = around.map(|kind| &kind.inside[..]);
-            let (pairs, total) = self.matched(inside, around.map(|kind| kind.size), &|p| carrier.carried(p))?;
-            (count, sum) = (count + pairs.len(), sum + total);
+            let (pairs, _) = self.matched(inside, around.map(|kind| kind.size), &|p| carrier.carried(p))?;
+            for &[from, to] in &pairs {
+                let image = carrier.carried(&domain.kinds[from].centre);
+                sum += (image - target.kinds[to].centre).norm_squared();
+            }
+            count += pairs.len();
             open.extend(pairs);
         }
-        Ok((sum / count.max(1) as f64).sqrt())
+        Ok((sum / count.max(1) as f64).sqrt() / target.surface.diagonal())
     }
 
     /// Of the whole solids.
