@@ -93,7 +93,7 @@ struct Names {
 }
 
 impl Names {
-    /// Of the domain or the target, of a shell or of a map without shells.
+    /// The names for the `side` `domain` or `target`: of one shell's map, or without `shell` of the whole map.
     fn of(side: &str, shell: Option<usize>) -> Self {
         let prefix = shell.map_or_else(String::new, |shell| format!("shell{shell}_"));
         let named = |what: &str| format!("{prefix}{side}_{what}");

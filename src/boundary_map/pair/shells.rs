@@ -40,7 +40,7 @@ const MOST_ENERGY: f64 = 2.0;
 const MOST_ALTERNATIVES: usize = 4;
 const MOST_ALIGNMENTS: usize = 2;
 
-/// A shell, and what has to agree.
+/// A shell, and what is compared to find its partner.
 struct Kind {
     shell: ShellSurface,
     genus: u64,
@@ -425,7 +425,7 @@ impl<'a> ShellPairing<'a> {
         Ok((sum / count.max(1) as f64).sqrt() / target.surface.diagonal())
     }
 
-    /// Of the whole solids.
+    /// The best alignments of the two solids with all their shells.
     fn alignments(&self) -> Result<Vec<Alignment>, PairError> {
         let [domain, target] = self.sides;
         let from = AlignmentSurface::new(&domain.surface, "domain")?;
@@ -479,7 +479,7 @@ impl<'a> ShellPairing<'a> {
                 target: path(to, &curve.target)?,
             })
         });
-        // With a handle that says nothing.
+        // Maps through a flat torus take no directions.
         let up = self.options.up.filter(|_| from.genus != 1);
         Ok(PairOptions {
             landmarks: Landmarks::new(pairs, from.shell.vertices.len(), to.shell.vertices.len())?,
