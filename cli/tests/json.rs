@@ -319,7 +319,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("energy", "energy cube.map --resolution 8"),
         ("certify", "certify ball.map --finest 32"),
         ("certify", "certify folded.map --finest 16 --html c.html --samples 8"),
-        ("transfer", "transfer cube.map field.csv -o t.csv"),
+        ("transfer", "transfer cube.map field.csv -o t.csv --png t.png --html t.html --samples 8"),
         ("transfer", "transfer cube.map field.csv --at at.csv -o t.csv"),
         (
             "remesh",
@@ -330,7 +330,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("remesh", "remesh turned.map --cells 4 -o r.vtu"),
         (
             "texture",
-            "texture uv.obj --checker=4 -o v.vti --png v.png --map v.safetensors --at at.csv --colours c.csv --resolution 16",
+            "texture uv.obj --checker=4 -o v.vti --png v.png --html v.html --map v.safetensors --at at.csv --colours c.csv --resolution 16",
         ),
         (
             "texture",

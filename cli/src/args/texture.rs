@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use super::bijective::MapKind;
 use super::section::UpKind;
 use super::values::squares;
+use super::view::PageSizeArgs;
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true, after_help = TEXTURE_HELP)]
@@ -81,6 +82,11 @@ pub struct TextureOutputArgs {
     /// Picture to write: the model, the model cut open, and sections across x, y and z (.png)
     #[arg(long, value_name = "PNG")]
     pub png: Option<PathBuf>,
+    /// Page to write: the model, cut anywhere (.html). It holds the voxels of --resolution
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageSizeArgs,
     /// Position of the sections along their axes, from 0 to 1 across the model's bounding box
     #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
     pub position: f64,

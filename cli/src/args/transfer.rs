@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::bijective::MapChoice;
 use super::section::{SectionArgs, TargetUpArgs};
+use super::view::PageArgs;
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true, after_help = TRANSFER_HELP)]
@@ -47,6 +48,11 @@ pub struct TransferArgs {
     /// Write a picture: `distance`, or else the first scalar field, on cross-sections of domain and target
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
+    /// Write a page to look into the map, as `view` does, coloured by the scalar fields, too (.html)
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageArgs,
     #[command(flatten)]
     pub section: SectionArgs,
     #[command(flatten)]

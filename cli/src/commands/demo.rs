@@ -209,6 +209,7 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         options,
         up: pair.up,
         certificate: None,
+        carried: None,
     };
     page::write(&folder.join("map.html"), &page.make(&PageArgs::default(), output)?.html)?;
     output.finish();

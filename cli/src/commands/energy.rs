@@ -140,6 +140,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             options,
             up: args.section.up,
             certificate: None,
+            carried: None,
         };
         page::write(path, &page.make(&args.page, output)?.html)?;
     }

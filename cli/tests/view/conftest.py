@@ -39,6 +39,18 @@ def maps(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def texture(tmp_path_factory):
+    """The page of a ball whose colours are linear in the coordinates, and so is the light inside."""
+    folder = tmp_path_factory.mktemp("textures")
+    vertices, triangles = shapes.ball(4)
+    lines = [" ".join(map(repr, ("v", *p, *(shapes.code((1 + x) / 2) for x in p)))).replace("'", "") for p in vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles]
+    (folder / "ball.obj").write_text("\n".join(lines) + "\n")
+    solidmap(folder, "texture", "ball.obj", "--html", "ball.html", "--resolution", "48")
+    return folder / "ball.html"
+
+
+@pytest.fixture(scope="session")
 def boundary(maps):
     """The page of a boundary map onto the sphere, of an ellipsoid."""
     vertices, triangles = shapes.ball(4)

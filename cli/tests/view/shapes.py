@@ -33,6 +33,11 @@ def write_obj(path, vertices, triangles):
     path.write_text("\n".join(lines) + "\n")
 
 
+def code(light):
+    """The sRGB code of a part of linear light, from 0 to 1."""
+    return 12.92 * light if light <= 0.0031308 else 1.055 * light ** (1 / 2.4) - 0.055
+
+
 def bent(point):
     """A deformation that folds nothing."""
     x, y, z = point

@@ -1,7 +1,11 @@
 """The page of a boundary map, as a reader uses it."""
 
+import math
+
 import pytest
 
+import shapes
+from conftest import solidmap
 from test_map_page import numbers
 
 
@@ -37,6 +41,21 @@ def test_the_pointer_shows_a_point_and_its_image_on_the_sphere(boundary, opened)
     assert (point[0] / 2) ** 2 + point[1] ** 2 + (point[2] / 0.7) ** 2 == pytest.approx(1, abs=0.02)
     # Inside the sphere by the height of its triangles at most.
     assert sum(c * c for c in image) == pytest.approx(1, abs=0.02)
+
+
+def test_inverted_images_have_a_colour_of_their_own(boundary, maps, opened):
+    assert opened(boundary).wrong_pixels() == 0
+    vertices, triangles = shapes.ball(4)
+    # One vertex is drawn across its neighbours, so that some triangles around it turn over.
+    length = math.hypot(0.9, 0.3, 0.2)
+    shapes.write_obj(maps / "turned.obj", [(0.9 / length, 0.3 / length, 0.2 / length), *vertices[1:]], triangles)
+    solidmap(maps, "boundary", "check", "ball.obj", "turned.obj", "--html", "turned.html")
+    page = opened(maps / "turned.html")
+    assert page.said == []
+    assert 1 <= page.page.evaluate("solidmapPage.arrays.flipped.length") <= 6
+    assert page.wrong_pixels() > 20
+    page.set("by", "checker")
+    assert page.wrong_pixels() > 20
 
 
 def test_the_keyboard_reaches_every_control(boundary, opened):

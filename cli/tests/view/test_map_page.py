@@ -1,6 +1,7 @@
 """The page of a map, as a reader uses it."""
 
 import csv
+import math
 import re
 
 import pytest
@@ -242,3 +243,19 @@ def test_what_is_proved_is_shown_by_boxes_in_the_domain(maps, opened):
     domain, target = zip(*seen)
     assert len(set(domain)) == 3 and len(set(target)) == 1
     assert "proved to be inverted" in page.page.locator(".about table").first.inner_text()
+
+
+def test_a_field_that_the_map_carries_is_shown_first_and_read(maps, opened):
+    solidmap(maps, "transfer", "bent.map", "--distance", "-o", "carried.vtu", "--html", "carried.html", "--samples", "32")
+    page = opened(maps / "carried.html")
+    assert page.said == []
+    assert page.page.get_by_label("by", exact=True).input_value() == "carried-0"
+    point = (0.3, 0.1, -0.2)
+    for name, value in zip("xyz", map(str, point)):
+        page.page.get_by_label(f"point {name}", exact=True).fill(value)
+    page.page.keyboard.press("Tab")
+    # Linear between samples that are a sixteenth apart, in a ball that is cut into flat triangles.
+    assert float(page.readout()["distance"]) == pytest.approx(1 - math.hypot(*point), abs=0.01)
+    before = page.hashes()
+    page.set("by", "harmonic")
+    assert all(a != b for a, b in zip(before, page.hashes()))

@@ -92,6 +92,11 @@ def test_edges_colours_and_shadow_change_what_is_seen(block, opened):
     page.settle()
     assert page.pixels(0)["covered"] > 2 * few
     assert len(seen) == 4
+    page.page.get_by_label("feature edges", exact=True).click()
+    seen.add(tuple(page.hashes()))
+    assert len(seen) == 5
+    # Those of the block, each of which is eight cells long; the top is only a little uneven.
+    assert page.page.evaluate("solidmapPage.features.geometry.getAttribute('position').count / 2") == 12 * 8
 
 
 def test_the_pointer_names_the_cell(block, opened):

@@ -76,6 +76,9 @@ pub struct BoundaryCheck {
     /// edge that face against the triangles around them. With a negative degree, all triangles are inverted if the map
     /// is a bijection.
     pub flipped: usize,
+    /// Which triangles these are, ascending.
+    #[serde(skip)]
+    pub flipped_triangles: Vec<u32>,
     /// Triangles with an area whose images have none: corners exactly on a line (on a sphere: on a great circle).
     pub degenerate: usize,
     /// Triangles of the domain with corners exactly on a line; these are not defects of the map.
@@ -254,6 +257,7 @@ impl Measurements<'_> {
             verdict: verdict(&findings, composition.is_some() || on_sphere),
             degree: self.covering.degree,
             flipped: self.covering.flipped.len(),
+            flipped_triangles: self.covering.flipped.clone(),
             degenerate: self.covering.degenerate.len(),
             flat_in_domain: self.covering.flat_in_domain.len(),
             folded_edges: self.folded.edges.len(),

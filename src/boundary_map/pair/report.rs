@@ -304,6 +304,20 @@ pub struct PairTimings {
     pub total: f64,
 }
 
+/// Of maps made one after the other.
+impl std::iter::Sum for PairTimings {
+    fn sum<I: Iterator<Item = Self>>(timings: I) -> Self {
+        timings.fold(Self::default(), |a, b| Self {
+            sphere: a.sphere + b.sphere,
+            align: a.align + b.align,
+            coarse: a.coarse + b.coarse,
+            improve: a.improve + b.improve,
+            reversed: a.reversed + b.reversed,
+            total: a.total + b.total,
+        })
+    }
+}
+
 /// Why [`map_pair`] failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]

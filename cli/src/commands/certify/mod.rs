@@ -123,6 +123,7 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome
             options,
             up: args.section.up,
             certificate: Some(&certificate.merged(&file.map)),
+            carried: None,
         };
         page::write(path, &page.make(&args.page, output)?.html)?;
     }

@@ -1,6 +1,8 @@
 //! `solidmap texture`: the colours of a surface, extended into the solid.
 
 mod model;
+mod page;
+mod painted;
 mod pictures;
 mod samples;
 mod summary;
@@ -10,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
-use solidmap::files::{self, TextureFile, TextureMetadata};
+use solidmap::files::{self, Provenance, TextureFile, TextureMetadata};
 use solidmap::fit::FitOptions;
 use solidmap::texture::{
     ColourSource, ColouredSurface, ExtendedQuantity, SeamReport, SolidTexture, TextureError, TextureOptions, VoxelGrid,
@@ -23,9 +25,11 @@ use crate::shared::fitting::show_phase;
 use crate::shared::input;
 use crate::shared::json::file_name;
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
+use crate::shared::page::{EXTENSIONS, write as write_page};
 use crate::shared::pictures::require_position;
 use model::{Model, is_texture_file};
-use samples::{Colours, PointsToColour, write_points, write_volume};
+use page::TexturePage;
+use samples::{Colours, PointsToColour, sampled_volume, write_points, write_volume};
 use summary::{TextureSummary, TextureTimings, ThroughSummary};
 use through::ThroughMap;
 
@@ -50,10 +54,8 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
     let surface = model.coloured_surface().surface();
     let through = ThroughMap::read(args, surface)?;
     let target = through.as_ref().map(ThroughMap::target);
-    let grid = written
-        .output
-        .as_ref()
-        .map(|_| VoxelGrid::of(target.as_ref().unwrap_or(surface), written.resolution));
+    let has_voxels = written.output.is_some() || written.html.is_some();
+    let grid = has_voxels.then(|| VoxelGrid::of(target.as_ref().unwrap_or(surface), written.resolution));
     let grid = grid
         .transpose()
         .with_context(|| format!("cannot sample `{}`", args.model.display()))?;
@@ -82,8 +84,9 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
 
     let mut colours = Colours::new(&texture, inverse.as_deref());
     let start = Instant::now();
-    let volume = match (&written.output, grid) {
-        (Some(path), Some(grid)) => Some(write_volume(path, &mut colours, &grid, output)?),
+    let voxels = grid.map(|grid| sampled_volume(&mut colours, &grid, output));
+    let volume = match (&written.output, &voxels) {
+        (Some(path), Some(voxels)) => Some(write_volume(path, voxels, output)?),
         _ => None,
     };
     seconds.volume = seconds_since(start);
@@ -127,10 +130,21 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
         volume,
         points,
         picture: file_name(written.png.as_ref()),
+        page: file_name(written.html.as_ref()),
         map: file_name(written.map.as_ref()),
         seconds,
         peak_rss_bytes: peak_rss_bytes(),
     };
+    if let (Some(path), Some(voxels)) = (&written.html, &voxels) {
+        let page = TexturePage {
+            coloured: texture.coloured_surface(),
+            volume: voxels,
+            files: provenances(args)?,
+            report: &report,
+            up: written.up,
+        };
+        write_page(path, &page.html(written.page)?)?;
+    }
     output.result(&report, || summary::text(&report))?;
     outcome(&report, output)
 }
@@ -144,6 +158,7 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
     let TextureOutputArgs {
         output,
         png: picture,
+        html,
         map,
         at,
         colours,
@@ -151,20 +166,21 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
         ..
     } = &args.written;
     require_position(*position)?;
-    let outputs: [(Option<&PathBuf>, &[&str]); 4] = [
+    let outputs: [(Option<&PathBuf>, &[&str]); 5] = [
         (output.as_ref(), &["vti"]),
         (picture.as_ref(), &["png"]),
+        (html.as_ref(), &EXTENSIONS),
         (map.as_ref(), &["safetensors"]),
         (colours.as_ref(), &["csv", "npy", "ply", "vtu"]),
     ];
     ensure!(
         outputs.iter().any(|(path, _)| path.is_some()),
-        "nothing would be written: name a volume (-o), a --png, a texture file (--map) or points (--at, --colours)"
+        "nothing would be written: name a volume (-o), a --png, a page (--html), a texture file (--map) or points (--at, --colours)"
     );
     let through = args.through.through.as_ref();
     ensure!(
-        through.is_none() || picture.is_none(),
-        "--png shows the model itself, and not what --through carries it to: leave it out, and write a volume (-o) or the \
+        through.is_none() || picture.is_none() && html.is_none(),
+        "--png and --html show the model itself, and not what --through carries it to: leave them out, and write a volume (-o) or the \
          colours of a mesh of the target (--at, --colours), which ParaView shows"
     );
     ensure!(
@@ -231,13 +247,17 @@ fn fitted(surface: ColouredSurface, args: &TextureArgs, output: &Output) -> anyh
         .with_context(|| format!("cannot texture `{}`", args.model.display()))?;
     let fit = texture.report().clone();
     fit.warnings.iter().for_each(|warning| output.warn_of_fit(warning));
-    let inputs = [("model", Some(&args.model)), ("image", args.image.as_ref())];
-    let inputs = inputs.into_iter().filter_map(|(role, path)| Some((role, path?)));
-    let inputs: anyhow::Result<_> = inputs.map(|(role, path)| input::provenance(role, path)).collect();
     Ok(TextureFile {
         texture,
-        metadata: TextureMetadata::new(fit, inputs?),
+        metadata: TextureMetadata::new(fit, provenances(args)?),
     })
+}
+
+/// The files that the texture is made from.
+fn provenances(args: &TextureArgs) -> anyhow::Result<Vec<Provenance>> {
+    let inputs = [("model", Some(&args.model)), ("image", args.image.as_ref())];
+    let inputs = inputs.into_iter().filter_map(|(role, path)| Some((role, path?)));
+    inputs.map(|(role, path)| input::provenance(role, path)).collect()
 }
 
 /// The error, with the option that helps.

@@ -1,10 +1,11 @@
 //! Pictures of a texture: the solid cut open, and sections.
 
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection, SectionError};
-use solidmap::mesh::{SurfaceMesh, SurfacePoint};
+use solidmap::mesh::SurfaceMesh;
 use solidmap::texture::{SolidTexture, to_srgb};
 use solidmap::{Point, Vector};
 
+use super::painted::PaintedSurface;
 use crate::args::TextureOutputArgs;
 use crate::drawing::{Camera, Figure, Panel, Rgb, SurfaceColour, SurfaceStyle};
 use crate::shared::output::Output;
@@ -113,41 +114,10 @@ fn view(painted: &Painted, camera: &Camera) -> anyhow::Result<Panel> {
 
 /// The surface in small triangles, painted with the picture.
 fn painted_surface(texture: &SolidTexture) -> Painted {
-    let coloured = texture.coloured_surface();
-    let surface = coloured.surface();
-    let triangles = surface.triangles().len().max(1);
-    let parts = ((TRIANGLES as f64 / triangles as f64).sqrt() as usize).clamp(1, 256);
-    let (mut vertices, mut corners, mut colours) = (vec![], vec![], vec![]);
-    for t in 0..surface.triangles().len() {
-        let first = vertices.len() as u32;
-        // Row `i` of the subdivided triangle, counted from corner 0, has `i + 1` vertices.
-        let place = |i: usize, j: usize| SurfacePoint {
-            triangle: t as u32,
-            barycentric: [parts - i, i - j, j].map(|n| n as f64 / parts as f64),
-        };
-        let places: Vec<SurfacePoint> = (0..=parts)
-            .flat_map(|i| (0..=i).map(move |j| (i, j)))
-            .map(|(i, j)| place(i, j))
-            .collect();
-        let rgb: Vec<Rgb> = places.iter().map(|p| to_srgb(coloured.colour(p))).collect();
-        vertices.extend(places.iter().map(|p| p.position(surface, surface.vertices())));
-        let at = |i: usize, j: usize| i * (i + 1) / 2 + j;
-        let mut add = |three: [usize; 3]| {
-            corners.push(three.map(|k| first + k as u32));
-            colours.push(three.map(|k| rgb[k]));
-        };
-        for i in 0..parts {
-            for j in 0..=i {
-                add([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-                if j < i {
-                    add([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-                }
-            }
-        }
-    }
+    let painted = PaintedSurface::of(texture.coloured_surface(), TRIANGLES);
     Painted {
-        mesh: SurfaceMesh::new(vertices, corners).expect("corners are vertices"),
-        colours,
+        colours: painted.by_corners(),
+        mesh: painted.mesh,
     }
 }
 

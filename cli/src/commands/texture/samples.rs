@@ -45,18 +45,18 @@ impl<'a> Colours<'a> {
     }
 }
 
-/// Samples colours on a grid and writes the volume.
-pub fn write_volume(
-    path: &Path,
-    colours: &mut Colours,
-    grid: &VoxelGrid,
-    output: &Output,
-) -> anyhow::Result<VolumeSummary> {
+/// Samples colours on a grid.
+pub fn sampled_volume(colours: &mut Colours, grid: &VoxelGrid, output: &Output) -> VoxelTexture {
     let voxels = grid.voxels();
     output.progress_of("sampling voxels", 0, voxels);
     let progress = |done| output.progress_of("sampling voxels", done, voxels);
-    let volume = VoxelTexture::sampled(grid, |centres| colours.sample(centres), &progress);
+    VoxelTexture::sampled(grid, |centres| colours.sample(centres), &progress)
+}
+
+/// Writes a volume.
+pub fn write_volume(path: &Path, volume: &VoxelTexture, output: &Output) -> anyhow::Result<VolumeSummary> {
     output.progress(format!("writing {}", path.display()));
+    let grid = &volume.grid;
     let image = ImageGrid {
         origin: grid.origin,
         spacing: grid.spacing,

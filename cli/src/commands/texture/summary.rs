@@ -31,6 +31,7 @@ pub struct TextureSummary {
     pub volume: Option<VolumeSummary>,
     pub points: Option<PointsSummary>,
     pub picture: Option<FileName>,
+    pub page: Option<FileName>,
     pub map: Option<FileName>,
     pub seconds: TextureTimings,
     pub peak_rss_bytes: u64,
@@ -161,6 +162,7 @@ pub fn text(report: &TextureSummary) -> String {
         report.volume.as_ref().map(|volume| &volume.file),
         report.points.as_ref().map(|points| &points.file),
         report.picture.as_ref(),
+        report.page.as_ref(),
         report.map.as_ref(),
     ]));
     two_columns(rows)

@@ -23,8 +23,9 @@ use crate::args::TransferArgs;
 use crate::shared::chosen_map::{ChosenInverse, ChosenMap, MapName};
 use crate::shared::fields::{MeshWithFields, fields_of};
 use crate::shared::input;
-use crate::shared::json::FileName;
+use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, write_file};
+use crate::shared::page;
 use crate::shared::points::{is_table, read_points, status_number, warn_of_preimages};
 use checks::{FieldSummary, TransferChecks};
 
@@ -34,6 +35,8 @@ struct TransferSummary {
     map: FileName,
     map_kind: MapName,
     output: FileName,
+    picture: Option<FileName>,
+    page: Option<FileName>,
     /// Points that carry the fields.
     points: usize,
     /// Tetrahedra between them.
@@ -74,20 +77,18 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
         .chain(&args.at)
         .map(PathBuf::as_path)
         .collect();
-    let outputs: [(Option<&PathBuf>, &[&str]); 2] = [
+    let outputs: [(Option<&PathBuf>, &[&str]); 3] = [
         (Some(&args.output), &["csv", "vtu", "vtk"]),
         (args.png.as_ref(), &["png"]),
+        (args.html.as_ref(), &page::EXTENSIONS),
     ];
     input::require_all_writable(&outputs, &inputs)?;
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
     let chosen = ChosenMap::of(&file, &args.map, &args.choice)?;
     let given = fields::read(args, &boundary)?;
-    let drawn = args
-        .png
-        .is_some()
-        .then(|| fields::drawn(args, &given.carrier))
-        .transpose()?;
+    let is_shown = args.png.is_some() || args.html.is_some();
+    let drawn = is_shown.then(|| fields::drawn(args, &given.carrier)).transpose()?;
     let carrier = &given.carrier;
 
     output.progress(format!("carrying {} points", carrier.points.len()));
@@ -113,16 +114,24 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
     output.progress("checking volumes");
     let checks = checks::check(args, chosen.map(), &boundary, carrier)?;
     let png = match (drawn, &inverse) {
-        (Some(which), Some(inverse)) => {
+        (Some(which), Some(inverse)) if args.png.is_some() => {
             output.progress("drawing");
             Some(picture::draw(which, args, &boundary, &**inverse, carrier)?)
         }
         _ => None,
     };
+    let html = args
+        .html
+        .is_some()
+        .then(|| picture::page(args, chosen, &boundary, &file.metadata, carrier, output))
+        .transpose()?;
     output.progress("writing");
     write(&args.output, &carried)?;
     if let (Some(path), Some(png)) = (&args.png, png) {
         write_file(path, &png)?;
+    }
+    if let (Some(path), Some(html)) = (&args.html, html) {
+        page::write(path, &html)?;
     }
     let without_value = match &carried.preimages {
         Some(preimages) => preimages.iter().filter(|p| !p.position().x.is_finite()).count(),
@@ -148,6 +157,8 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
         map: (&args.map).into(),
         map_kind: chosen.name(),
         output: (&args.output).into(),
+        picture: file_name(args.png.as_ref()),
+        page: file_name(args.html.as_ref()),
         points: carrier.points.len(),
         tets,
         hexes,

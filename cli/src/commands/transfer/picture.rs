@@ -1,8 +1,10 @@
-//! A field on cross-sections of domain and target.
+//! A field on cross-sections of domain and target, and all scalar fields in a page.
 
 use anyhow::Context;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::energy::EnergyOptions;
+use solidmap::files::MapMetadata;
 use solidmap::geometry::PlaneSection;
 use solidmap::inverse::{Inverse, PreimageStatus};
 use solidmap::transfer::{FieldMesh, FieldSampler};
@@ -10,9 +12,54 @@ use solidmap::transfer::{FieldMesh, FieldSampler};
 use super::fields::{all_fields, distances, is_distance};
 use crate::args::TransferArgs;
 use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange};
+use crate::shared::chosen_map::ChosenMap;
+use crate::shared::map_page::{CarriedScalar, MapPage, measured};
+use crate::shared::output::Output;
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 480;
+
+/// The page of the map with every scalar field.
+pub fn page(
+    args: &TransferArgs,
+    chosen: ChosenMap,
+    boundary: &BoundaryMap,
+    metadata: &MapMetadata,
+    carrier: &FieldMesh,
+    output: &Output,
+) -> anyhow::Result<String> {
+    output.progress("integrating");
+    let options = EnergyOptions::default();
+    let energy = measured(chosen, boundary, &options)
+        .with_context(|| format!("cannot measure `{}` for the page", args.map.display()))?;
+    let sampler = FieldSampler::new(carrier)?;
+    let scalars = |points: &[Point]| -> anyhow::Result<Vec<CarriedScalar>> {
+        let scalars = sampler.sample(points).0.into_iter();
+        let scalars = scalars.filter(|field| field.components == 1).map(|field| {
+            let values = match is_distance(args, &field) {
+                true => distances(boundary, points)?,
+                false => field.values,
+            };
+            Ok(CarriedScalar {
+                name: field.name,
+                values,
+            })
+        });
+        scalars.collect()
+    };
+    let page = MapPage {
+        path: &args.map,
+        chosen,
+        boundary,
+        metadata,
+        energy: &energy,
+        options,
+        up: args.section.up,
+        certificate: None,
+        carried: Some(&scalars),
+    };
+    Ok(page.make(&args.page, output)?.html)
+}
 
 /// Cross-sections of domain and target in the colours of one bar, as a PNG.
 pub fn draw(

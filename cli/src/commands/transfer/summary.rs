@@ -2,7 +2,7 @@
 
 use super::TransferSummary;
 use crate::drawing::significant;
-use crate::shared::output::two_columns;
+use crate::shared::output::{two_columns, written_row};
 
 /// The report as text.
 pub fn text(report: &TransferSummary) -> String {
@@ -19,7 +19,7 @@ pub fn text(report: &TransferSummary) -> String {
                 report.points, report.written_points, report.seconds
             ),
         ],
-        ["written".into(), report.output.display().to_string()],
+        written_row([Some(&report.output), report.picture.as_ref(), report.page.as_ref()]),
         [
             "volume".into(),
             format!(

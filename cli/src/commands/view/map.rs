@@ -27,6 +27,7 @@ pub fn page(args: &ViewArgs, output: &Output) -> anyhow::Result<(String, Shown)>
         options,
         up: args.up,
         certificate: None,
+        carried: None,
     };
     let made = page.make(&args.page, output)?;
     let shown = Shown::Map {

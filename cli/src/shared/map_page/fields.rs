@@ -1,13 +1,25 @@
 //! What a page colours a map by.
 
+use solidmap::Point;
 use solidmap::energy::distortion::stretches;
 use solidmap::energy::{EnergyOptions, UnitVolumeScale, deformation_density, harmonic_density};
-use solidmap::geometry::{QueryError, distance_field};
+use solidmap::geometry::distance_field;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::statistics::quantiles;
 
 use super::lattice::LatticeSamples;
 use crate::shared::page::{PackedArray, PageField, Palette};
+
+/// A scalar over the domain, besides those that a map has itself.
+pub struct CarriedScalar {
+    /// Its name.
+    pub name: String,
+    /// Its values at the points that were asked for.
+    pub values: Vec<f64>,
+}
+
+/// The scalars at points of the domain.
+pub type CarriedScalars<'a> = &'a dyn Fn(&[Point]) -> anyhow::Result<Vec<CarriedScalar>>;
 
 /// Values of one scalar, and how to show them.
 struct Scalar {
@@ -20,15 +32,19 @@ const SHOWN: f64 = 0.99;
 /// Least and most factor that the end of the scale of a ratio is away from 1.
 const RATIOS: [f64; 2] = [1.25, 32.0];
 
-/// The scalars of a map with their arrays.
+/// The scalars of a map with their arrays, those that it carries first.
 pub fn fields(
     samples: &LatticeSamples,
     target: &SurfaceMesh,
     scale: &UnitVolumeScale,
     orientation: f64,
     options: &EnergyOptions,
-) -> Result<(Vec<PageField>, Vec<PackedArray>), QueryError> {
+    carried: Option<CarriedScalars>,
+) -> anyhow::Result<(Vec<PageField>, Vec<PackedArray>)> {
     let scaled = || samples.jacobians.iter().map(|jacobian| jacobian * scale.jacobian);
+    let carried = carried.map_or(Ok(vec![]), |carried| carried(&samples.points))?;
+    let carried = carried.into_iter().enumerate();
+    let carried = carried.map(|(k, scalar)| of_carried(samples, k, scalar));
     let scalars = [
         amount(samples, scaled().map(|j| harmonic_density(&j)).collect()).named(
             "harmonic",
@@ -65,8 +81,8 @@ pub fn fields(
             "the target's distance field, carried back by the map",
         ),
     ];
-    Ok(scalars
-        .into_iter()
+    Ok(carried
+        .chain(scalars)
         .map(|Scalar { field, values }| {
             let array = PackedArray::floats(format!("field-{}", field.key), samples.spread(values));
             (field, array)
@@ -122,6 +138,20 @@ fn amount(samples: &LatticeSamples, values: Vec<f64>) -> Scalar {
     Scalar::new(samples, values, Palette::Amount, |[_, high]| {
         [0.0, high.max(f64::MIN_POSITIVE)]
     })
+}
+
+/// From the least to the most.
+fn of_carried(samples: &LatticeSamples, number: usize, carried: CarriedScalar) -> Scalar {
+    let scalar = Scalar::new(samples, carried.values, Palette::Amount, |[low, high]| {
+        [low, high.max(low + f64::MIN_POSITIVE)]
+    });
+    let field = PageField {
+        key: format!("carried-{number}").into(),
+        label: carried.name.into(),
+        meaning: "carried by the map: at a point of the domain and at its image".into(),
+        ..scalar.field
+    };
+    Scalar { field, ..scalar }
 }
 
 /// As far below 1 as above, by factors.

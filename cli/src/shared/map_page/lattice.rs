@@ -54,6 +54,8 @@ pub struct LatticeSamples {
     pub nodes: Vec<usize>,
     /// Whether each of them is inside the domain.
     pub is_inside: Vec<bool>,
+    /// Where values are sampled: the nodes, for those outside a point just inside.
+    pub points: Vec<Point>,
     /// Their images.
     pub images: Vec<Point>,
     /// Jacobians at the nodes, for those outside at a point just inside.
@@ -91,6 +93,7 @@ impl LatticeSamples {
             lattice,
             nodes,
             is_inside,
+            points,
             images,
             jacobians,
         })

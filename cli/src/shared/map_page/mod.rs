@@ -24,6 +24,7 @@ use super::input;
 use super::output::Output;
 use super::page::{Framing, NumberTable, PackedArray, Page, PageField, megabytes};
 use crate::args::{PageArgs, UpKind};
+pub use fields::{CarriedScalar, CarriedScalars};
 use lattice::LatticeSamples;
 
 /// A map to make a page of.
@@ -44,6 +45,8 @@ pub struct MapPage<'a> {
     pub up: UpKind,
     /// What is proved of it.
     pub certificate: Option<&'a Certificate>,
+    /// What it carries.
+    pub carried: Option<CarriedScalars<'a>>,
 }
 
 /// The energies of a map, for its page: a bijective one is integrated exactly by its own tetrahedra.
@@ -186,7 +189,8 @@ impl MapPage<'_> {
         let target_volume = self.boundary.target_volume();
         let scale = UnitVolumeScale::new(domain.volume(), target_volume)?;
         let orientation = target_volume.signum();
-        let (fields, field_arrays) = fields::fields(&samples, &target, &scale, orientation, &self.options)?;
+        let (fields, field_arrays) =
+            fields::fields(&samples, &target, &scale, orientation, &self.options, self.carried)?;
 
         let (framing, target_framing) = (Framing::of(domain.vertices()), self.target_framing());
         let images: Vec<Vec<f64>> = samples

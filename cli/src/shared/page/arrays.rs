@@ -15,6 +15,8 @@ pub enum Entries {
     F32,
     #[serde(rename = "Float64Array")]
     F64,
+    #[serde(rename = "Uint8Array")]
+    U8,
     #[serde(rename = "Uint32Array")]
     U32,
 }
@@ -44,6 +46,11 @@ impl PackedArray {
         Self::packed(name.into(), Entries::F64, values.collect::<Vec<_>>().as_flattened())
     }
 
+    /// Bytes, such as parts of colours.
+    pub fn bytes(name: impl Into<String>, values: &[u8]) -> Self {
+        Self::packed(name.into(), Entries::U8, values)
+    }
+
     /// Indices.
     pub fn indices(name: impl Into<String>, values: impl IntoIterator<Item = u32>) -> Self {
         let values = values.into_iter().map(u32::to_le_bytes);
@@ -54,6 +61,7 @@ impl PackedArray {
         let size = match entries {
             Entries::F64 => 8,
             Entries::F32 | Entries::U32 => 4,
+            Entries::U8 => 1,
         };
         Self {
             name,

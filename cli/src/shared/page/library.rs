@@ -28,7 +28,7 @@ pub const STYLE: &str = include_str!("assets/page.css");
 pub const START: &str = include_str!("assets/start.js");
 
 /// The modules; the last one is started.
-pub const MODULES: [Module; 19] = [
+pub const MODULES: [Module; 22] = [
     Module {
         name: "three/core",
         text: include_str!("three/three.core.min.js"),
@@ -66,6 +66,14 @@ pub const MODULES: [Module; 19] = [
         text: include_str!("assets/harmonic.js"),
     },
     Module {
+        name: "page/buffers",
+        text: include_str!("assets/buffers.js"),
+    },
+    Module {
+        name: "page/cut-controls",
+        text: include_str!("assets/cut-controls.js"),
+    },
+    Module {
         name: "page/cut",
         text: include_str!("assets/cut.js"),
     },
@@ -100,6 +108,10 @@ pub const MODULES: [Module; 19] = [
     Module {
         name: "page/study",
         text: include_str!("assets/study.js"),
+    },
+    Module {
+        name: "page/texture",
+        text: include_str!("assets/texture.js"),
     },
     Module {
         name: "page/main",

@@ -14,11 +14,14 @@ const SHADER = {
   vertexShader: `
 attribute vec3 image;
 attribute float value;
+attribute float wrong;
 uniform float amount;
 varying vec3 domain;
 varying vec3 seen;
 varying float shown;
+varying float isWrong;
 void main() {
+  isWrong = wrong;
   vec4 place = modelViewMatrix * vec4(mix(position, image, amount), 1.0);
   domain = position;
   seen = place.xyz;
@@ -29,12 +32,14 @@ void main() {
 varying vec3 domain;
 varying vec3 seen;
 varying float shown;
+varying float isWrong;
 uniform int pattern;
+uniform vec3 wrongColour;
 ${SCALE_CODE}
 ${CHECKER_CODE}
 void main() {
   float facing = abs(dot(normalize(cross(dFdx(seen), dFdy(seen))), normalize(seen)));
-  vec3 colour = pattern == 0 ? scaleColour(shown) : checkerColour(domain, pattern == 2);
+  vec3 colour = isWrong > 0.5 ? wrongColour : pattern == 0 ? scaleColour(shown) : checkerColour(domain, pattern == 2);
   float light = gl_FrontFacing ? 0.4 + 0.6 * facing : 0.3 + 0.25 * facing;
   gl_FragColor = vec4(colour * light, 1.0);
 }`,
@@ -76,6 +81,9 @@ class BoundaryPage {
     this.geometry.setAttribute('position', corners(domain));
     this.geometry.setAttribute('image', corners(image));
     this.geometry.setAttribute('value', new BufferAttribute(new Float32Array(triangles.length), 1));
+    const wrong = new Uint8Array(triangles.length);
+    for (const triangle of this.arrays.flipped) wrong.fill(1, 3 * triangle, 3 * triangle + 3);
+    this.geometry.setAttribute('wrong', new BufferAttribute(wrong, 1));
     const [low, high] = [new Vector3().setScalar(Infinity), new Vector3().setScalar(-Infinity)];
     for (let n = 0; n < domain.length; n += 3) {
       const point = new Vector3().fromArray(domain, n);
@@ -86,6 +94,7 @@ class BoundaryPage {
     this.palettes = { amount: paletteTexture(amount), ratio: paletteTexture(ratio) };
     this.shared = {
       pattern: { value: 2 },
+      wrongColour: { value: new Vector3(...this.data.palettes.wrong).divideScalar(255) },
       low: { value: low },
       extent: { value: high.sub(low) },
       palette: { value: this.palettes.amount },
@@ -135,13 +144,17 @@ class BoundaryPage {
   #legend() {
     const field = this.fields.get(this.state.colour);
     if (!field) {
-      const words = 'The same pattern on both: cubes of the domain’s box, and where they go.';
+      const words = `The same pattern on both: cubes of the domain’s box, and where they go.${this.#wrongWords()}`;
       this.scale.replaceChildren(element('p', { class: 'legend' }, words));
       return;
     }
-    const shown = legend(this.data.palettes);
+    const shown = legend(this.data.palettes, this.arrays.flipped.length ? 'inverted image' : undefined);
     shown.show(field);
     this.scale.replaceChildren(shown.element);
+  }
+
+  #wrongWords() {
+    return this.arrays.flipped.length ? ' Magenta: triangles whose images are inverted.' : '';
   }
 
   #update() {

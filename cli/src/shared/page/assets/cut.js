@@ -47,7 +47,7 @@ export class Lattice {
 export class Cut {
   /**
    * @param lattice the lattice
-   * @param images the images' coordinates at its nodes, three arrays
+   * @param images the images' coordinates at its nodes, three arrays; without them, the cut stays where it is
    * @param surface `vertices`, `images` and `indices` of the boundary, as they are drawn
    * @param framing how points of the domain are drawn: `(p − centre) / radius`
    */
@@ -119,10 +119,8 @@ export class Cut {
         this.uv[2 * n + 1] = j / (nv - 1);
       }
     }
-    const coordinates = this.images.map((values) => this.interpolated(values));
-    this.image = new Float32Array(3 * nu * nv);
-    for (let n = 0; n < nu * nv; n++) for (let k = 0; k < 3; k++) this.image[3 * n + k] = coordinates[k][n];
-    const has = (n) => !Number.isNaN(coordinates[0][n]);
+    this.image = this.images ? this.#carried() : this.domain;
+    const has = (n) => !Number.isNaN(this.image[3 * n]);
     const indices = [];
     for (let j = 0; j + 1 < nv; j++) {
       for (let i = 0; i + 1 < nu; i++) {
@@ -131,6 +129,14 @@ export class Cut {
       }
     }
     this.indices = new Uint32Array(indices);
+  }
+
+  /** The images of the corners. */
+  #carried() {
+    const coordinates = this.images.map((values) => this.interpolated(values));
+    const image = new Float32Array(3 * coordinates[0].length);
+    for (let n = 0; n < coordinates[0].length; n++) for (let k = 0; k < 3; k++) image[3 * n + k] = coordinates[k][n];
+    return image;
   }
 
   /** The section of the boundary: its segments, in the domain and in the target, and the mask. */

@@ -7,8 +7,9 @@ import { showMap } from 'page/map';
 import { showMesh } from 'page/mesh';
 import { showSequence } from 'page/sequence';
 import { showStudy } from 'page/study';
+import { showTexture } from 'page/texture';
 
-const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh, sequence: showSequence, study: showStudy };
+const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh, sequence: showSequence, study: showStudy, texture: showTexture };
 /** What is shown without WebGL. */
 const FLAT = ['study'];
 

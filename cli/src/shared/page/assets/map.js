@@ -1,11 +1,13 @@
 // The page of a map: domain and target side by side, a cut through both, and what the map does at the point under the pointer.
 
 import {
-  BoxGeometry, BufferAttribute, BufferGeometry, DataTexture, DoubleSide, InstancedMesh, LineSegments, LinearFilter, Matrix4, Mesh, RedFormat, ShaderMaterial,
-  SphereGeometry, MeshBasicMaterial, UnsignedByteType, Vector3,
+  BoxGeometry, BufferAttribute, BufferGeometry, DoubleSide, InstancedMesh, LineSegments, Matrix4, Mesh, MeshBasicMaterial, ShaderMaterial, SphereGeometry,
+  Vector3,
 } from 'three';
+import { replace, replaceCut } from 'page/buffers';
 import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
 import { Cut, Lattice } from 'page/cut';
+import { CutControls, boxOf } from 'page/cut-controls';
 import { button, choice, element, group, list, remark, significant, slider, tick, triple } from 'page/elements';
 import { deformationDensity, determinant, evaluate, harmonicDensity, stretches } from 'page/harmonic';
 import { Morphed, isInside } from 'page/pick';
@@ -30,8 +32,7 @@ class MapPage {
     this.box = boxOf(arrays.domain, data.domain);
     this.stage = new Stage(['Domain', 'Target'], data.up);
     this.stage.show(arrays.domain, arrays.image);
-    this.state = { axis: (data.up[0] + 2) % 3, position: 0.5, side: 1, amount: 1, field: data.fields[0].key, cutting: true, lines: false, boundary: 'checker' };
-    this.state.side = Math.sign(this.stage.camera.position.getComponent(this.state.axis)) || 1;
+    this.state = { ...CutControls.start(this.stage, data.up), amount: 1, field: data.fields[0].key, lines: false, boundary: 'checker' };
     this.#build();
     this.readout = element('div', { class: 'readout wide', 'aria-label': 'values at a point' });
     this.stage.onPointer((view, ray) => this.#hover(view, ray));
@@ -104,23 +105,8 @@ class MapPage {
       Object.assign(this.stale, stale);
       this.stage.draw();
     };
-    const axes = choice('axis', AXES.map((name, k) => [k, `across ${name}`]), state.axis, (axis) => {
-      changed({ axis: Number(axis) }, { cut: true });
-      position.update();
-    });
-    const position = slider('position', {
-      value: state.position,
-      shown: () => `${AXES[state.axis]} = ${significant(this.#coordinate(), 4)}`,
-    }, (value) => {
-      changed({ position: value }, { cut: true });
-      position.update();
-    });
-    this.stage.onShiftDrag(() => [0, 1, 2].map((k) => Number(k === this.state.axis)), (distance) => {
-      const { axis } = this.state;
-      const share = (distance * this.data.domain.radius) / (this.box[1][axis] - this.box[0][axis]);
-      position.input.value = this.state.position + share;
-      position.input.dispatchEvent(new Event('input'));
-    });
+    const lines = tick('lattice lines on the cut', false, (shown) => changed({ lines: shown }));
+    this.plane = new CutControls(this, this.data.domain.radius, (moved) => changed({}, moved ? { cut: true } : {}), lines.element);
     const morph = slider('move', {
       value: 1,
       step: 0.01,
@@ -134,10 +120,7 @@ class MapPage {
     this.legend.show(this.fields.get(state.field));
     return element('div', { class: 'controls' },
       group('Colour', fields.element, this.legend.element),
-      group('Cut', axes.element, position.element, remark('Or drag the cut with Shift held.'),
-        tick('cut', true, (cutting) => changed({ cutting })).element,
-        tick('other half', false, () => changed({ side: -state.side })).element,
-        tick('lattice lines on the cut', false, (lines) => changed({ lines })).element),
+      this.plane.element,
       group('Boundary', choice('pattern', CHECKERS, state.boundary, (boundary) => changed({ boundary })).element),
       group('Target', morph.element,
         remark('Points move to their images along straight lines, with both solids scaled to one size.')),
@@ -152,12 +135,6 @@ class MapPage {
         button('First view', () => this.stage.home())));
   }
 
-  /** The coordinate of the cut. */
-  #coordinate() {
-    const { axis, position } = this.state;
-    return this.box[0][axis] + position * (this.box[1][axis] - this.box[0][axis]);
-  }
-
   /** Brings what is drawn up to date. */
   #update() {
     const { state, shared, cut, stale } = this;
@@ -165,7 +142,7 @@ class MapPage {
     if (stale.cut || stale.values) this.#colourAgain();
     this.stale = { cut: false, values: false };
     const { centre, radius } = this.data.domain;
-    const at = (this.#coordinate() - centre[state.axis]) / radius;
+    const at = (this.plane.coordinate() - centre[state.axis]) / radius;
     shared.clipAxis.value.set(0, 0, 0).setComponent(state.axis, state.side);
     shared.clipAt.value = state.cutting ? state.side * at : 1e9;
     shared.pattern.value = { plain: 0, checker: 1, coloured: 2, hidden: 0 }[state.boundary];
@@ -184,17 +161,9 @@ class MapPage {
 
   #cutAgain() {
     const { cut } = this;
-    cut.at(this.state.axis, this.#coordinate());
-    replace(this.cutGeometry, { position: [cut.domain, 3], image: [cut.image, 3], uv: [cut.uv, 2] });
-    this.cutGeometry.setIndex(new BufferAttribute(cut.indices, 1));
-    replace(this.outlineGeometry, { position: [cut.outline.from, 3], image: [cut.outline.to, 3] });
+    cut.at(this.state.axis, this.plane.coordinate());
     this.shared.mask.value?.dispose();
-    const mask = new DataTexture(cut.mask, ...cut.maskSize, RedFormat, UnsignedByteType);
-    mask.minFilter = LinearFilter;
-    mask.magFilter = LinearFilter;
-    mask.unpackAlignment = 1;
-    mask.needsUpdate = true;
-    this.shared.mask.value = mask;
+    this.shared.mask.value = replaceCut(cut, this.cutGeometry, this.outlineGeometry);
     this.pickedCut = new Morphed(cut.domain, cut.image, cut.indices);
   }
 
@@ -249,23 +218,23 @@ class MapPage {
   valuesAt(point) {
     const { data, arrays, lattice } = this;
     const { centre, radius } = data.target;
-    const interpolated = (key) => lattice.sample(arrays[`field-${key}`], point);
+    const sampled = data.fields.map(({ key }) => [key, lattice.sample(arrays[`field-${key}`], point)]);
+    const interpolated = Object.fromEntries(sampled);
     if (!data.exact) {
       const image = [0, 1, 2].map((k) => centre[k] + radius * lattice.sample(arrays[`lattice-${k}`], point));
-      const values = Object.fromEntries(data.fields.map(({ key }) => [key, interpolated(key)]));
-      return { image, ...values };
+      return { image, ...interpolated };
     }
     const { image, jacobian } = evaluate(point, arrays.sources, arrays.coefficients, data.affine);
     const scaled = jacobian.map((row) => row.map((entry) => entry * data.scale));
     const sizes = stretches(jacobian);
     return {
+      ...interpolated,
       image,
       jacobian,
       harmonic: harmonicDensity(scaled),
       deformation: deformationDensity(scaled, data.lame),
       volume: data.orientation * determinant(scaled),
       anisotropy: sizes[0] / sizes[2],
-      distance: interpolated('distance'),
       determinant: determinant(jacobian),
     };
   }
@@ -292,19 +261,6 @@ class MapPage {
   }
 }
 
-/** Sets attributes; their buffers on the GPU are made anew where their sizes change. */
-function replace(geometry, attributes) {
-  for (const [name, [values, size]] of Object.entries(attributes)) {
-    const old = geometry.getAttribute(name);
-    if (old && old.array.length === values.length) {
-      old.array.set(values);
-      old.needsUpdate = true;
-    } else {
-      geometry.setAttribute(name, new BufferAttribute(values, size));
-    }
-  }
-}
-
 /** Boxes with their centres and sides, seen through what is before them. */
 function boxes(placed, colour, opacity) {
   const material = new MeshBasicMaterial({ transparent: true, opacity, depthTest: false });
@@ -317,16 +273,4 @@ function boxes(placed, colour, opacity) {
   }
   made.frustumCulled = false;
   return made;
-}
-
-/** The box of a solid in model units. */
-function boxOf(placed, { centre, radius }) {
-  const low = [Infinity, Infinity, Infinity];
-  const high = [-Infinity, -Infinity, -Infinity];
-  for (let n = 0; n < placed.length; n++) {
-    const k = n % 3;
-    low[k] = Math.min(low[k], placed[n]);
-    high[k] = Math.max(high[k], placed[n]);
-  }
-  return [low, high].map((corner) => corner.map((x, k) => centre[k] + radius * x));
 }

@@ -1,14 +1,16 @@
 // The page of a mesh of cells: whole cells are peeled off, and what is inverted stays.
 
-import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, ShaderMaterial, Vector3 } from 'three';
+import { BufferAttribute, BufferGeometry, DoubleSide, EdgesGeometry, LineBasicMaterial, LineSegments, Mesh, ShaderMaterial, Vector3 } from 'three';
 import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
-import { button, choice, element, group, list, remark, significant, slider, tick } from 'page/elements';
+import { CutControls, boxOf } from 'page/cut-controls';
+import { button, choice, element, group, list, significant, slider, tick } from 'page/elements';
 import { histogram } from 'page/histogram';
 import { Morphed } from 'page/pick';
 import { Stage } from 'page/stage';
 
-const AXES = ['x', 'y', 'z'];
 const NONE = 0xffffffff;
+/** Degrees between faces at a feature edge, at least. */
+const FEATURE = 40;
 /** Corners of the faces, counter-clockwise seen from outside. */
 const FACES = {
   tets: [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
@@ -74,11 +76,12 @@ class MeshPage {
     this.isInverted = new Uint8Array(this.count);
     for (const cell of arrays.inverted) this.isInverted[cell] = 1;
     this.middles = middles(arrays.nodes, arrays.cells, this.corners);
-    this.box = boxOf(arrays.nodes);
+    this.box = boxOf(arrays.nodes, data.framing);
     this.stage = new Stage(['Mesh'], data.up);
     this.stage.show(arrays.nodes);
-    this.state = { field: 'quality', range: [-Infinity, Infinity], depth: 0, cutting: false, axis: (data.up[0] + 2) % 3, position: 0.5, side: 1, edges: true, ghost: false };
-    this.state.side = Math.sign(this.stage.camera.position.getComponent(this.state.axis)) || 1;
+    this.state = {
+      ...CutControls.start(this.stage, data.up), cutting: false, field: 'quality', range: [-Infinity, Infinity], depth: 0, edges: true, features: false, ghost: false,
+    };
     this.#build();
     this.readout = element('div', { class: 'readout wide', 'aria-label': 'the cell under the pointer' });
     this.status = element('p', { class: 'legend', role: 'status' });
@@ -103,7 +106,9 @@ class MeshPage {
       edges: { value: 1 },
     };
     this.geometry = new BufferGeometry();
-    this.mesh = new Mesh(this.geometry, new ShaderMaterial({ ...SHADER, uniforms: this.uniforms, side: DoubleSide }));
+    // A little behind the lines that lie on it.
+    const behind = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };
+    this.mesh = new Mesh(this.geometry, new ShaderMaterial({ ...SHADER, ...behind, uniforms: this.uniforms, side: DoubleSide }));
     this.ghost = new Mesh(this.#boundary(), new ShaderMaterial({ ...GHOST, transparent: true, depthWrite: false, side: DoubleSide }));
     for (const part of [this.mesh, this.ghost]) {
       part.frustumCulled = false;
@@ -127,6 +132,19 @@ class MeshPage {
     return geometry;
   }
 
+  /** The edges of the boundary where faces meet at an angle; made when they are first shown. */
+  #features() {
+    if (!this.features) {
+      this.features = new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: 0xe8590c }));
+      this.features.frustumCulled = false;
+      this.stage.views[0].scene.add(this.features);
+    }
+    if (this.state.features && !this.features.geometry.getAttribute('position')) {
+      this.features.geometry = new EdgesGeometry(this.ghost.geometry, FEATURE);
+    }
+    return this.features;
+  }
+
   #controls() {
     const { state, data } = this;
     const changed = (change) => {
@@ -145,43 +163,18 @@ class MeshPage {
     const depth = slider('at least', {
       max: data.deepest, step: data.deepest / 200 || 1, value: 0, shown: (value) => significant(value, 3),
     }, (value) => changed({ depth: value }));
-    const axes = choice('axis', AXES.map((name, k) => [k, `across ${name}`]), state.axis, (axis) => {
-      changed({ axis: Number(axis) });
-      position.update();
-    });
-    const position = slider('position', { value: state.position, shown: () => `${AXES[state.axis]} = ${significant(this.#coordinate(), 4)}` }, (value) => {
-      changed({ position: value });
-      position.update();
-    });
-    this.stage.onShiftDrag(() => [0, 1, 2].map((k) => Number(k === this.state.axis)), (distance) => {
-      const { axis } = this.state;
-      const share = distance / (this.box[1][axis] - this.box[0][axis]);
-      position.input.value = this.state.position + share;
-      position.input.dispatchEvent(new Event('input'));
-    });
+    this.plane = new CutControls(this, data.framing.radius, () => changed({}));
     return element('div', { class: 'controls' },
       group('Colour', fields.element, this.legend.element),
       group('Scaled Jacobian', ...bars.elements),
       group('Depth', depth.element),
-      group('Plane', tick('cut', false, (cutting) => changed({ cutting })).element, axes.element, position.element, remark('Or drag the cut with Shift held.'),
-        tick('other half', false, () => changed({ side: -state.side })).element),
+      this.plane.element,
       group('Show', tick('edges', true, (edges) => changed({ edges })).element,
+        tick('feature edges', false, (features) => changed({ features })).element,
         tick('boundary as a shadow', false, (ghost) => changed({ ghost })).element, this.status),
       element('div', { class: 'row' },
         button('Save picture', () => this.stage.save('solidmap.png')),
         button('First view', () => this.stage.home())));
-  }
-
-  /** The coordinate of the plane, in model units. */
-  #coordinate() {
-    const { axis } = this.state;
-    const { centre, radius } = this.data.framing;
-    return centre[axis] + radius * this.#plane();
-  }
-
-  #plane() {
-    const { axis, position } = this.state;
-    return this.box[0][axis] + position * (this.box[1][axis] - this.box[0][axis]);
   }
 
   /** Which cells are shown: those in all ranges, and all that are inverted. */
@@ -189,7 +182,8 @@ class MeshPage {
     const { state, arrays, middles: at, isInverted } = this;
     const [quality, depth] = [arrays['field-quality'], arrays['field-depth']];
     const [from, to] = state.range.map((end) => Math.fround(end));
-    const plane = this.#plane();
+    const { centre, radius } = this.data.framing;
+    const plane = (this.plane.coordinate() - centre[state.axis]) / radius;
     const shown = new Uint8Array(this.count);
     for (let cell = 0; cell < this.count; cell++) {
       const is = quality[cell] >= from && quality[cell] <= to && depth[cell] >= state.depth
@@ -209,6 +203,7 @@ class MeshPage {
     uniforms.logarithmic.value = field.logarithmic;
     uniforms.edges.value = state.edges ? 1 : 0;
     this.ghost.visible = state.ghost;
+    this.#features().visible = state.features;
     const shown = this.shown();
     this.#skin(shown, arrays[`field-${state.field}`]);
     const cells = shown.reduce((sum, is) => sum + is, 0);
@@ -291,14 +286,4 @@ function middles(nodes, cells, corners) {
     for (let k = 0; k < 3; k++) found[at + k] += nodes[3 * cells[n] + k] / corners;
   }
   return found;
-}
-
-function boxOf(nodes) {
-  const low = [Infinity, Infinity, Infinity];
-  const high = [-Infinity, -Infinity, -Infinity];
-  for (let n = 0; n < nodes.length; n++) {
-    low[n % 3] = Math.min(low[n % 3], nodes[n]);
-    high[n % 3] = Math.max(high[n % 3], nodes[n]);
-  }
-  return [low, high];
 }

@@ -1,0 +1,258 @@
+//! Which shell of the target a shell of the domain is mapped to: see [`super`].
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::super::{Alignment, AlignmentSurface, Landmarks, PairError, PairOptions, align};
+use super::{MovingLeastSquares, Solid};
+use crate::Point;
+use crate::boundary_map::BoundaryMap;
+
+/// Weight of the square of the logarithm of a ratio of sizes, beside the square of a distance over the target's diagonal.
+const SIZE_WEIGHT: f64 = 0.05;
+
+/// A pair of shells to be mapped.
+pub(super) struct Waiting {
+    pub pair: [usize; 2],
+    /// Where the vertices of the domain's are carried by the map of the shell around it.
+    pub carried: Option<Vec<Point>>,
+}
+
+/// Pairs of shells, and how far they are from each other.
+type Matched = (Vec<[usize; 2]>, f64);
+
+/// How the shells of two solids are matched.
+pub(super) struct Matching<'a> {
+    pub solids: &'a [Solid; 2],
+    /// Outer shells lie where they belong.
+    is_aligned: bool,
+    /// For shells of the domain with landmarks or curves the shell of the target that these are on.
+    joined: BTreeMap<usize, usize>,
+}
+
+impl<'a> Matching<'a> {
+    pub fn new(solids: &'a [Solid; 2], options: &'a PairOptions) -> Result<Self, PairError> {
+        let [domain, target] = solids;
+        if domain.shells.len() != target.shells.len() {
+            return Err(PairError::UnequalShells {
+                domain: domain.shells.len(),
+                target: target.shells.len(),
+            });
+        }
+        let counts = [domain, target].map(|side| side.surface.vertices().len());
+        let landmarks = options.landmarks.pairs();
+        Landmarks::new(landmarks.to_vec(), counts[0], counts[1])?;
+        let mut joined = BTreeMap::new();
+        for &[v, w] in landmarks {
+            let (Some(from), Some(to)) = (domain.shell_of(v), target.shell_of(w)) else {
+                return Err(unmatched(format!("no shells have the landmarks {v} and {w}")));
+            };
+            join(solids, &mut joined, [from, to])?;
+        }
+        for (index, curve) in options.curves.iter().enumerate() {
+            let paths = [(domain, &curve.domain), (target, &curve.target)];
+            let [Some(from), Some(to)] = paths.map(|(side, path)| side.shell_of_all(path)) else {
+                return Err(unmatched(format!("curve {index} is not in one shell of each solid")));
+            };
+            join(solids, &mut joined, [from, to])?;
+        }
+        Ok(Self {
+            solids,
+            is_aligned: options.aligned,
+            joined,
+        })
+    }
+
+    pub fn outermost(&self) -> Result<Vec<Waiting>, PairError> {
+        let [domain, target] = self.solids;
+        let outermost = [&domain.outermost[..], &target.outermost[..]];
+        let sizes = [domain.size, target.size];
+        let (pairs, _) = if self.is_aligned || domain.outermost.len() == 1 {
+            self.matched(outermost, sizes, &|p| *p)?
+        } else {
+            let alignments = self.alignments()?;
+            let tried = alignments
+                .iter()
+                .map(|found| self.matched(outermost, sizes, &|p| found.similarity.apply(p)));
+            let tried: Vec<Matched> = tried.collect::<Result<_, _>>()?;
+            let least = tried.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+            least.ok_or_else(|| unmatched("no alignment was found".into()))?
+        };
+        let waiting = pairs.into_iter().map(|pair| Waiting { pair, carried: None });
+        Ok(waiting.collect())
+    }
+
+    /// The pairs of shells inside a pair, whose map carries them.
+    pub fn inside(&self, [from, to]: [usize; 2], map: &BoundaryMap) -> Result<Vec<Waiting>, PairError> {
+        let around = [&self.solids[0].shells[from], &self.solids[1].shells[to]];
+        if around[0].inside.is_empty() {
+            return Ok(vec![]);
+        }
+        let carrier = MovingLeastSquares::of(map);
+        let inside = around.map(|shell| &shell.inside[..]);
+        let (pairs, _) = self.matched(inside, around.map(|shell| shell.size), &|p| carrier.carried(p))?;
+        let waiting = pairs.into_iter().map(|pair| {
+            let vertices = self.solids[0].shells[pair[0]].surface.vertices();
+            Waiting {
+                pair,
+                carried: Some(vertices.par_iter().map(|p| carrier.carried(p)).collect()),
+            }
+        });
+        Ok(waiting.collect())
+    }
+
+    /// The best pairs of these shells, of which those of the domain are carried; `sizes` are those of what they are parts of.
+    fn matched(
+        &self,
+        shells: [&[usize]; 2],
+        sizes: [f64; 2],
+        carried: &dyn Fn(&Point) -> Point,
+    ) -> Result<Matched, PairError> {
+        let [domain, target] = self.solids;
+        let places: BTreeMap<usize, Point> = shells[0]
+            .iter()
+            .map(|&k| (k, carried(&domain.shells[k].centre)))
+            .collect();
+        let diagonal = target.surface.diagonal();
+        let cost = |[from, to]: [usize; 2]| {
+            let (a, b) = (&domain.shells[from], &target.shells[to]);
+            let distance = (places[&from] - b.centre).norm() / diagonal;
+            let ratio = (a.size / sizes[0]) / (b.size / sizes[1]);
+            distance.powi(2) + SIZE_WEIGHT * ratio.ln().powi(2)
+        };
+        let [mut from, mut to] = shells.map(<[usize]>::to_vec);
+        let mut pairs = Vec::new();
+        for (&a, &b) in &self.joined {
+            if !from.contains(&a) {
+                continue;
+            }
+            if !to.contains(&b) {
+                let reason =
+                    format!("landmarks take shell {a} of the domain to shell {b} of the target, which lies elsewhere");
+                return Err(unmatched(reason));
+            }
+            from.retain(|&k| k != a);
+            to.retain(|&k| k != b);
+            pairs.push([a, b]);
+        }
+        let mut alike: BTreeMap<&str, [Vec<usize>; 2]> = BTreeMap::new();
+        for (side, left) in [from, to].iter().enumerate() {
+            for &k in left {
+                alike.entry(&self.solids[side].shells[k].signature).or_default()[side].push(k);
+            }
+        }
+        for [from, to] in alike.values() {
+            if from.len() != to.len() {
+                return Err(unmatched(format!(
+                    "shells {from:?} of the domain have as many handles, and the same shells inside, as {to:?} of the target, which are not \
+                     as many"
+                )));
+            }
+            let row = |&a: &usize| to.iter().map(|&b| cost([a, b])).collect();
+            let assigned = assignment(&from.iter().map(row).collect::<Vec<Vec<f64>>>());
+            pairs.extend(from.iter().zip(assigned).map(|(&a, k)| [a, to[k]]));
+        }
+        let total = pairs.iter().map(|&pair| cost(pair)).sum();
+        Ok((pairs, total))
+    }
+
+    /// How far a map takes the shells inside, and those inside of them, from where they are in the target: root mean square of the
+    /// distances of their centres, over the target's diagonal.
+    pub fn off_inside(&self, pair: [usize; 2], map: &BoundaryMap) -> Result<f64, PairError> {
+        let [domain, target] = self.solids;
+        let carrier = MovingLeastSquares::of(map);
+        let (mut open, mut count, mut sum) = (vec![pair], 0, 0.0);
+        while let Some([from, to]) = open.pop() {
+            let around = [&domain.shells[from], &target.shells[to]];
+            let inside = around.map(|shell| &shell.inside[..]);
+            let (pairs, _) = self.matched(inside, around.map(|shell| shell.size), &|p| carrier.carried(p))?;
+            for &[from, to] in &pairs {
+                let image = carrier.carried(&domain.shells[from].centre);
+                sum += (image - target.shells[to].centre).norm_squared();
+            }
+            count += pairs.len();
+            open.extend(pairs);
+        }
+        Ok((sum / count.max(1) as f64).sqrt() / target.surface.diagonal())
+    }
+
+    /// The best alignments of the two solids with all their shells.
+    pub fn alignments(&self) -> Result<Vec<Alignment>, PairError> {
+        let [domain, target] = self.solids;
+        let from = AlignmentSurface::new(&domain.surface, "domain")?;
+        let to = AlignmentSurface::new(&target.surface, "target")?;
+        Ok(align(&from, &to).best)
+    }
+}
+
+/// Records that landmarks take a shell to another, and so the shells around it to those around that.
+///
+/// # Errors
+///
+/// When that cannot be.
+fn join(solids: &[Solid; 2], joined: &mut BTreeMap<usize, usize>, pair: [usize; 2]) -> Result<(), PairError> {
+    let mut next = Some(pair);
+    while let Some([from, to]) = next {
+        let [a, b] = [&solids[0].shells[from], &solids[1].shells[to]];
+        if a.genus > 0 {
+            let (shell, genus) = (from, a.genus);
+            let error = Box::new(PairError::NotWithHandles {
+                option: "landmarks",
+                genus,
+            });
+            return Err(PairError::Shell { shell, error });
+        }
+        let is_taken = joined.iter().any(|(&shell, &other)| (shell == from) != (other == to));
+        if is_taken || a.signature != b.signature {
+            return Err(unmatched(format!(
+                "landmarks take shell {from} of the domain to shell {to} of the target, and another one to it or it to another one, or \
+                 the two have other handles or shells inside"
+            )));
+        }
+        joined.insert(from, to);
+        next = match [a.around, b.around] {
+            [Some(from), Some(to)] => Some([from, to]),
+            [None, None] => None,
+            _ => {
+                return Err(unmatched(format!(
+                    "landmarks take shell {from} of the domain to shell {to} of the target, of which one lies in another shell"
+                )));
+            }
+        };
+    }
+    Ok(())
+}
+
+fn unmatched(reason: String) -> PairError {
+    PairError::NoMatchingShells { reason }
+}
+
+/// For each row a column of its own, of small total cost: the least of all pairs first, then exchanges while they help.
+fn assignment(costs: &[Vec<f64>]) -> Vec<usize> {
+    let count = costs.len();
+    let mut all: Vec<[usize; 2]> = (0..count).flat_map(|a| (0..count).map(move |b| [a, b])).collect();
+    all.sort_by(|x, y| costs[x[0]][x[1]].total_cmp(&costs[y[0]][y[1]]));
+    let (mut column_of, mut is_taken) = (vec![usize::MAX; count], vec![false; count]);
+    for [a, b] in all {
+        if column_of[a] == usize::MAX && !is_taken[b] {
+            (column_of[a], is_taken[b]) = (b, true);
+        }
+    }
+    let mut is_improved = true;
+    while is_improved {
+        is_improved = false;
+        for a in 0..count {
+            for b in 0..a {
+                let (of_a, of_b) = (column_of[a], column_of[b]);
+                let gain = costs[a][of_a] + costs[b][of_b] - costs[a][of_b] - costs[b][of_a];
+                // More than rounding, so that it ends.
+                if gain > 1e-12 {
+                    column_of.swap(a, b);
+                    is_improved = true;
+                }
+            }
+        }
+    }
+    column_of
+}
