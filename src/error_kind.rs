@@ -7,9 +7,9 @@ use std::io;
 
 use crate::baseline::{BaselineError, MeanValueError};
 use crate::bijective::BijectiveError;
-use crate::boundary_map::BoundaryMapError;
 use crate::boundary_map::check::BoundaryCheckError;
 use crate::boundary_map::pair::{AlignError, CurveError, LandmarkError, PairError};
+use crate::boundary_map::{BoundaryMapError, FundamentalDomainError};
 use crate::certificate::CertificateError;
 #[cfg(feature = "native")]
 use crate::cgal_tetgen::{CgalTetgenError, InputDefect};
@@ -224,6 +224,12 @@ classified! {
         Self::Surface(error) => error.error_kind(),
         Self::Springs | Self::TooFine | Self::NotBijective(_) => ErrorKind::Numerical,
         Self::Genus { .. } | Self::Count { .. } | Self::Letters | Self::Words { .. } => ErrorKind::InvalidInput,
+    }
+    FundamentalDomainError {
+        Self::Surface(error) => error.error_kind(),
+        Self::Toroidal(error) => error.error_kind(),
+        Self::Hyperbolic(error) => error.error_kind(),
+        Self::NoHandle => ErrorKind::InvalidInput,
     }
     SphericalError {
         Self::OutOfMemory { .. } => ErrorKind::Memory,

@@ -289,6 +289,68 @@ fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
 }
 
 #[test]
+fn a_ring_is_mapped_to_a_torus_of_revolution_and_fitted() {
+    let place = Workplace::new();
+    let ring = shapes::deformed(&shapes::torus(2.0, 0.8, 36, 18), |p| {
+        Point::new(5.0 + p.z, p.x + 0.1 * p.y * p.y, p.y)
+    });
+    place.surface("ring.obj", &ring);
+    let report = place.report(
+        0,
+        "boundary torus ring.obj -o image.obj --boundary way.safetensors --png way.png --html way.html --json",
+    );
+    let [major, minor] = ["major", "minor"].map(|radius| report[radius].as_f64().unwrap());
+    let ratio = major / minor;
+    assert!((ratio - 2.5).abs() < 0.3, "{ratio}");
+    let image = io::read_surface(place.path("image.obj")).unwrap();
+    // Every vertex goes to a triangle of the torus, whose axis is z.
+    for p in image.vertices() {
+        let off = (p.x.hypot(p.y) - major).hypot(p.z) / minor;
+        assert!(off > 0.9 && off < 1.001, "{p}");
+    }
+    assert!((image.volume() / ring.volume() - 1.0).abs() < 0.1);
+    let checked = place.report(0, "boundary check way.safetensors --json");
+    assert_eq!(checked["verdict"], "bijective");
+    let fitted = place.report(0, "fit ring.obj --target torus -o torus.map --tolerance 0.01 --json");
+    assert_eq!(fitted["tolerance_met"], true);
+    place.fails("boundary torus image.png -o i.obj", &["image.png"]);
+    place.surface("ball.obj", &shapes::sphere(1.0, 2));
+    place.fails(
+        "boundary torus ball.obj -o i.obj",
+        &["cannot map `ball.obj` to a torus", "genus 0"],
+    );
+    place.fails("fit ball.obj --target donut -o i.map", &["`sphere` or `torus`"]);
+}
+
+#[test]
+fn surfaces_with_handles_are_unfolded_into_a_polygon() {
+    let place = Workplace::new();
+    place.surface("ring.obj", &shapes::torus(2.0, 0.8, 36, 18));
+    place.surface("plate.obj", &shapes::double_torus(2));
+    for (name, genus, sides) in [("ring", 1, 4), ("plate", 2, 8)] {
+        let line = format!("boundary unfold {name}.obj -o {name}_flat.obj --png {name}.png --json");
+        let report = place.report(0, &line);
+        assert_eq!((&report["genus"], &report["sides"]), (&genus.into(), &sides.into()));
+        assert!(report["angle_p50"].as_f64().unwrap() < 1.5, "{report}");
+        let flat = io::read_surface(place.path(&format!("{name}_flat.obj"))).unwrap();
+        let model = io::read_surface(place.path(&format!("{name}.obj"))).unwrap();
+        assert_eq!(flat.triangles().len(), model.triangles().len());
+        assert_eq!(
+            flat.vertices().len() as u64,
+            report["layout_vertices"].as_u64().unwrap()
+        );
+        assert!((0..flat.triangles().len()).all(|t| flat.area_vector(t).z > 0.0));
+        assert!(place.path(&format!("{name}.png")).exists());
+    }
+    place.surface("ball.obj", &shapes::sphere(1.0, 2));
+    place.fails(
+        "boundary unfold ball.obj -o i.obj",
+        &["cannot unfold `ball.obj`", "no handle", "boundary sphere"],
+    );
+    place.fails("boundary unfold ring.obj", &["--output"]);
+}
+
+#[test]
 fn what_does_not_go_to_the_sphere_ends_with_2_and_is_named() {
     let place = with_ball();
     let sphere = shapes::sphere(1.0, 1);

@@ -268,6 +268,11 @@ fn every_field_of_a_report_is_documented_and_written() {
             "boundary sphere",
             "boundary sphere cube.ply -o s.ply --boundary s.safetensors --png s.png --vtu s.vtu --html s.html",
         ),
+        (
+            "boundary torus",
+            "boundary torus ring.ply -o rt.ply --boundary rt.safetensors --png rt.png --vtu rt.vtu --html rt.html",
+        ),
+        ("boundary unfold", "boundary unfold rings.ply -o u.ply --png u.png"),
         ("fit", "fit ball.ply --image bent.ply -o x.map --tolerance 0.01"),
         (
             "fit",
@@ -319,7 +324,10 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("energy", "energy cube.map --resolution 8"),
         ("certify", "certify ball.map --finest 32"),
         ("certify", "certify folded.map --finest 16 --html c.html --samples 8"),
-        ("transfer", "transfer cube.map field.csv -o t.csv --png t.png --html t.html --samples 8"),
+        (
+            "transfer",
+            "transfer cube.map field.csv -o t.csv --png t.png --html t.html --samples 8",
+        ),
         ("transfer", "transfer cube.map field.csv --at at.csv -o t.csv"),
         (
             "remesh",

@@ -4,7 +4,8 @@ use super::bijective::{Bijective, bijective_new, bijective_of};
 use super::hexmesh::{Hexmesh, hexmesh_defaults, make_hexmesh};
 use super::maps::{
     Boundaries, Boundary, Factored, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
-    boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
+    boundary_to_sphere, boundary_to_torus, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load,
+    no_boundaries,
 };
 use super::measures::{
     certified, distortion_in_cells, distortion_on_grid, energies_in_cells, energies_on_grid, energy_densities,
@@ -485,6 +486,7 @@ pub(super) mod ffi {
         fn boundary_new(domain: &Surface, images: &[f64]) -> Result<Box<Boundary>>;
         fn boundary_between(domain: &Surface, image: &Surface) -> Result<Box<Boundary>>;
         fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) -> Result<Box<Boundary>>;
+        fn boundary_to_torus(domain: &Surface, watcher: &Watcher) -> Result<Box<Boundary>>;
         fn boundary_pair(
             domain: &Surface,
             target: &Surface,

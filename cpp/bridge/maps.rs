@@ -8,7 +8,7 @@ use super::bridge::ffi::Watcher;
 use super::error::{Error, ErrorKind, guarded};
 use super::meshes::{Surface, boxed, name_of, whole, whole_points};
 use super::{flat, path};
-use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, map_pair};
+use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairPhase, fitting_torus, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, LocalError, Phase, Placement};
@@ -97,6 +97,15 @@ pub fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) 
         };
         let (embedding, _) = map_to_sphere(&domain.0, &options, &progress)?;
         boxed_boundary(BoundaryMap::onto_sphere(embedding)?)
+    })
+}
+
+pub fn boundary_to_torus(domain: &Surface, watcher: &Watcher) -> Result<Box<Boundary>, Error> {
+    guarded(|| {
+        let torus = fitting_torus(&domain.0).map_err(|error| PairError::Torus { side: "domain", error })?;
+        let progress = |phase| on_pair_phase(watcher, phase);
+        let (map, _) = map_pair(&domain.0, &torus.surface, &PairOptions::default(), &progress)?;
+        boxed_boundary(map)
     })
 }
 

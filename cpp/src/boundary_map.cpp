@@ -21,6 +21,12 @@ BoundaryMap BoundaryMap::to_sphere(const Surface& domain, SphereEnergy energy, c
   });
 }
 
+BoundaryMap BoundaryMap::to_torus(const Surface& domain, const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
+    return make_boundary(ffi::boundary_to_torus(Access::of(domain), watcher));
+  });
+}
+
 BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, const PairOptions& options,
                               const ProgressCallback& progress, PairReport* report) {
   ffi::PairReport found = {};

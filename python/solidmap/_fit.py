@@ -80,8 +80,9 @@ def fit(
         ``node x y z``.
     boundary : BoundaryMap or path, optional
         A boundary map, which says where every point goes and not only the vertices.
-    target : surface or "sphere", optional
-        Solid to map onto, with at most one handle and as many as ``surface``: the boundary map is made first.
+    target : surface, "sphere" or "torus", optional
+        Solid to map onto, with as many handles, components and cavities as ``surface``, or what
+        :func:`solidmap.boundary.sphere` or :func:`solidmap.boundary.torus` maps to: the boundary map is made first.
     tolerance : float
         Boundary error to reach over 99 % of the area, as a fraction of the target's diagonal. Sources are added where it
         is larger; if it cannot be reached, the best map is returned, and its ``tolerance_met`` is ``False``.
@@ -157,8 +158,8 @@ def fit(
             f"give one of images, boundary and target, to say where the boundary goes; {' and '.join(given) or 'none'} "
             f"{'are' if len(given) > 1 else 'is'} given"
         )
-    onto_sphere = isinstance(target, str) and target == "sphere"
-    if given != ["target"] or onto_sphere:
+    onto = target if isinstance(target, str) and target in ("sphere", "torus") else None
+    if given != ["target"] or onto is not None:
         for name, value in (("landmarks", landmarks), ("start", start), ("domain_up", domain_up)):
             if value is not None:
                 raise InvalidInputError(f"{name} says how a solid is mapped to another: it needs target=MODEL")
@@ -166,7 +167,7 @@ def fit(
         raise InvalidInputError("surface is missing; it may only be left out with boundary")
     start_of_work = time.perf_counter()
     found, roles = _boundary(
-        surface, images, boundary, target, onto_sphere, pair_options, start, progress, limit and 0.5 * limit
+        surface, images, boundary, target, onto, pair_options, start, progress, limit and 0.5 * limit
     )
     if limit is not None:
         limit = max(0.0, limit - (time.perf_counter() - start_of_work))
@@ -185,7 +186,7 @@ def _boundary(
     images: Any,
     boundary: Any,
     target: Any,
-    onto_sphere: bool,
+    onto: Optional[str],
     pair_options: Dict[str, Any],
     start: Optional[BoundaryMap],
     progress: Progress,
@@ -210,12 +211,14 @@ def _boundary(
     roles = [] if domain.path is None else [("domain", domain.path)]
     if images is not None:
         return BoundaryMap(domain.surface, images)._boundary, roles
-    if onto_sphere:
+    if onto == "torus":
+        return boundaries._torus(domain.surface, roles, progress, limit)._boundary, roles
+    if onto == "sphere":
         return boundaries._sphere(domain.surface, "balanced", "progressive", roles, progress, limit)._boundary, roles
-    onto = inputs.surface("target", target)
-    roles = roles if onto.path is None else [*roles, ("target", onto.path)]
+    solid = inputs.surface("target", target)
+    roles = roles if solid.path is None else [*roles, ("target", solid.path)]
     roles.extend(boundaries._files(pair_options))
-    made = boundaries._pair(domain.surface, onto.surface, pair_options, start, roles, progress, limit)
+    made = boundaries._pair(domain.surface, solid.surface, pair_options, start, roles, progress, limit)
     return made._boundary, roles
 
 

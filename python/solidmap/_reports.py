@@ -328,6 +328,8 @@ class PairReport(Report):
     rotations: List[float]
     schedule: Optional[Dict[str, Any]]
     torus: Optional[Dict[str, Any]]
+    #: The torus that :func:`solidmap.boundary.torus` maps to.
+    fitting_torus: Optional[Dict[str, Any]] = None
     hyperbolic: Optional[Dict[str, Any]]
     before: Dict[str, Any]
     after: Dict[str, Any]

@@ -11,6 +11,8 @@ __all__ = [
     "boundary_improve",
     "boundary_pair",
     "boundary_sphere",
+    "boundary_torus",
+    "boundary_unfold",
     "compare",
     "mesh_metrics",
     "Factor",
@@ -169,6 +171,10 @@ def boundary_sphere(
     progress: _Progress = None,
     time_limit: Optional[float] = None,
 ) -> Tuple[Boundary, str]: ...
+def boundary_torus(
+    surface: Surface, inputs: _Roles, progress: _Progress = None, time_limit: Optional[float] = None
+) -> Tuple[Boundary, str, bool]: ...
+def boundary_unfold(surface: Surface) -> Tuple[int, _Indices, _Floats, List[_Floats]]: ...
 def boundary_pair(
     domain: Surface,
     target: Surface,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,7 @@ from ._text import Rows, significant, table, two_columns
 if TYPE_CHECKING:
     from ._options import Up, Via
 
-__all__ = ["BoundaryMap", "check", "improve", "pair", "sphere"]
+__all__ = ["BoundaryMap", "FundamentalDomain", "check", "improve", "pair", "sphere", "torus", "unfold"]
 
 #: Files by their roles.
 Roles = List[Tuple[str, str]]
@@ -257,6 +257,83 @@ def _sphere(
     with shown(progress) as callback:
         made, report = native.boundary_sphere(surface, *chosen, roles, callback, limit)
     return BoundaryMap._of(made, SphereReport._read(report))
+
+
+def torus(surface: SurfaceLike, *, progress: Progress = None, time_limit: Optional[float] = None) -> BoundaryMap:
+    """Map a closed surface with one handle to the torus of revolution that keeps its angles best, one to one.
+
+    Parameters
+    ----------
+    surface : surface
+        Closed, of genus 1, with a hole that is not knotted.
+    progress : bool or callable, optional
+        As for :func:`solidmap.check`.
+    time_limit : float, optional
+        Seconds after which the best map so far is taken, once there is one.
+
+    Returns
+    -------
+    BoundaryMap
+        With its ``report``, whose ``fitting_torus`` has the torus' radii: it lies about the z axis, has its centre at the
+        origin and the volume of the solid. Its ``modulus`` says how far the surface's flat torus leans, and how high it is,
+        over the side that bounds a disk in the solid.
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> onto = solidmap.boundary.torus(solidmap.shapes.torus(3.0, 1.0, 24, 12))
+    >>> found = onto.report.fitting_torus
+    >>> 2.8 < found["major"] / found["minor"] < 3.2, onto.report.looks_wrong
+    (True, False)
+    """
+    found = inputs.surface("surface", surface)
+    roles: Roles = [] if found.path is None else [("domain", found.path)]
+    return _torus(found.surface, roles, progress, time_limit)
+
+
+def _torus(surface: native.Surface, roles: Roles, progress: Progress, time_limit: Optional[float]) -> BoundaryMap:
+    limit = options.optional(options.seconds, "time_limit", time_limit)
+    with shown(progress) as callback:
+        made, report, looks_wrong = native.boundary_torus(surface, roles, callback, limit)
+    return BoundaryMap._of(made, PairReport({**json.loads(report), "looks_wrong": looks_wrong}))
+
+
+class FundamentalDomain(NamedTuple):
+    """A surface with handles laid out in a polygon of the plane, whose sides are glued in pairs."""
+
+    #: Handles.
+    genus: int
+    #: Triangles, shape (m, 3), facing outward: vertices of the surface.
+    faces: NDArray[np.uint32]
+    #: Where their corners are, shape (m, 3, 2), counter-clockwise: in the plane, with the area 1 for all (one handle), or in Poincaré's
+    #: disk. Triangles across a side stick out.
+    corners: NDArray[np.float64]
+    #: The sides of the polygon, counter-clockwise, each as points from its beginning to its end, shape (k, 2).
+    sides: List[NDArray[np.float64]]
+
+
+def unfold(surface: SurfaceLike) -> FundamentalDomain:
+    """Lay a closed surface with handles out in the plane, one to one and with low distortion of angles.
+
+    Parameters
+    ----------
+    surface : surface
+        Closed, of genus 1 or more.
+
+    Returns
+    -------
+    FundamentalDomain
+        With one handle in a parallelogram, whose first side is a loop that bounds in the solid; with g handles in a polygon of 4g
+        sides of the hyperbolic plane.
+
+    Examples
+    --------
+    >>> import solidmap
+    >>> flat = solidmap.boundary.unfold(solidmap.shapes.torus(3.0, 1.0, 24, 12))
+    >>> flat.genus, flat.corners.shape, len(flat.sides)
+    (1, (576, 3, 2), 4)
+    """
+    return FundamentalDomain(*native.boundary_unfold(inputs.surface("surface", surface).surface))
 
 
 def _pair_arguments(

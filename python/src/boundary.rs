@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{
-    LandmarkCurve, Landmarks, PairMethod, PairOptions, PairPhase, map_pair_with_alternatives,
+    LandmarkCurve, Landmarks, PairError, PairMethod, PairOptions, PairPhase, fitting_torus, map_pair,
+    map_pair_with_alternatives,
 };
-use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
+use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion, fundamental_domain};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, Provenance};
 use solidmap::fit::self_intersection_finder;
 use solidmap::improve::{ImproveOptions, ImprovePhase, improve_boundary};
@@ -19,7 +20,7 @@ use solidmap::mesh::SurfacePoint;
 use solidmap::spherical::{SphereEnergy, SphereOptions, SpherePhase, SphereStart, check_embedding, map_to_sphere};
 use solidmap::{Point, Vector};
 
-use crate::arrays::{Points, copy_of_points, entries, from_points, rows};
+use crate::arrays::{Points, copy_of_corners, copy_of_points, copy_of_rows, entries, from_points, rows};
 use crate::error::{ErrorKind, Failure};
 use crate::fit::fit_step;
 use crate::meshes::{Surface, json as to_json};
@@ -300,6 +301,52 @@ pub fn boundary_sphere(
         report["distortion"] = value_of(&SurfaceDistortion::of(boundary.domain(), boundary.image()))?;
         Ok((Boundary::of(boundary, provenance(&inputs)?), report.to_string()))
     })
+}
+
+/// The map of a surface of genus 1 to the torus of revolution that fits it best, its report, and whether it looks wrong.
+#[pyfunction]
+#[pyo3(signature = (surface, inputs, progress=None, time_limit=None))]
+pub fn boundary_torus(
+    py: Python,
+    surface: &Surface,
+    inputs: Inputs,
+    progress: Option<&Bound<'_, PyAny>>,
+    time_limit: Option<f64>,
+) -> PyResult<(Boundary, String, bool)> {
+    let surface = Arc::clone(&surface.0);
+    run(py, progress, time_limit, move |watch| {
+        // A cancellation takes effect in the search.
+        let _ = watch.tell(|| step("laying out on a flat torus"));
+        let torus = fitting_torus(&surface).map_err(|error| PairError::Torus { side: "domain", error })?;
+        let progress = |phase| watch.tell_until_deadline(|| pair_step(phase));
+        let (map, report) = map_pair(&surface, &torus.surface, &PairOptions::default(), &progress)?;
+        let looks_wrong = report.looks_wrong();
+        let mut report = value_of(&report)?;
+        report["fitting_torus"] = json!({"major": torus.major, "minor": torus.minor, "modulus": torus.modulus});
+        Ok((Boundary::of(map, provenance(&inputs)?), report.to_string(), looks_wrong))
+    })
+}
+
+/// The layout of a surface with handles in the plane: its handles, triangles, their corners, and the sides of the polygon.
+#[pyfunction]
+#[allow(clippy::type_complexity, reason = "Python takes it apart at once")]
+pub fn boundary_unfold<'py>(
+    py: Python<'py>,
+    surface: &Surface,
+) -> PyResult<(
+    u64,
+    Bound<'py, PyArray2<u32>>,
+    Bound<'py, PyArray3<f64>>,
+    Vec<Bound<'py, PyArray2<f64>>>,
+)> {
+    let surface = Arc::clone(&surface.0);
+    let found = run(py, None, None, move |_| Ok(fundamental_domain(&surface)?))?;
+    Ok((
+        found.genus,
+        copy_of_rows(py, found.surface.triangles()),
+        copy_of_corners(py, &found.triangles),
+        found.sides.iter().map(|side| copy_of_rows(py, side)).collect(),
+    ))
 }
 
 /// The map with its images moved such that the harmonic energy of the inside falls, and its report.

@@ -26,7 +26,9 @@ mod _solidmap {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::boundary::{Boundary, boundary_improve, boundary_pair, boundary_sphere};
+    use crate::boundary::{
+        Boundary, boundary_improve, boundary_pair, boundary_sphere, boundary_torus, boundary_unfold,
+    };
     #[pymodule_export]
     use crate::compare::{compare, mesh_metrics};
     #[pymodule_export]

@@ -152,6 +152,8 @@ COMMANDS = [
     (["fit"], solidmap.fit, {"image": "images", "json": None, "threads": None, "output": None, "vtu": None, "worst": None}),
     (["boundary", "pair"], solidmap.boundary.pair, {}),
     (["boundary", "sphere"], solidmap.boundary.sphere, {"boundary": None}),
+    (["boundary", "torus"], solidmap.boundary.torus, {"boundary": None}),
+    (["boundary", "unfold"], solidmap.boundary.unfold, {}),
     (["boundary", "check"], solidmap.boundary.check, {}),
     (["boundary", "improve"], solidmap.boundary.improve, {}),
     (["energy"], solidmap.Map.energy, {}),
@@ -210,4 +212,5 @@ def test_options_have_the_names_and_defaults_of_the_program(program, command, fu
         elif name == "methods":
             assert said.split(",") == list(value)
         compared += 1
-    assert compared or function in (solidmap.Map.transfer, solidmap.offset_surface, solidmap.texture, solidmap.Map.make_bijective)
+    assert compared or function in (
+        solidmap.boundary.torus, solidmap.boundary.unfold, solidmap.Map.transfer, solidmap.offset_surface, solidmap.texture, solidmap.Map.make_bijective)

@@ -256,6 +256,13 @@ impl HyperbolicEmbedding {
         std::array::from_fn(|k| self.group.moved(&words[k], &self.places[t[k] as usize]))
     }
 
+    /// The corners of a triangle in the copy whose middle is in the polygon.
+    pub(crate) fn triangle_in_polygon(&self, triangle: usize) -> [Vector; 3] {
+        let corners = self.corners(triangle);
+        let (_, word) = self.group.in_polygon(&normalised(&corners.iter().sum()));
+        corners.map(|x| self.group.moved(&word, &x))
+    }
+
     /// The place of a point of the surface, in the frame of the first corner of its triangle, or at a vertex in its own.
     pub(crate) fn place(&self, point: &SurfacePoint) -> Vector {
         let t = point.triangle as usize;

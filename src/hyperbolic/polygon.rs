@@ -77,7 +77,6 @@ impl SurfaceGroup {
     }
 
     /// The corners of the polygon, counter-clockwise, side `k` from corner `k` on.
-    #[cfg(test)]
     pub fn corners(&self) -> Vec<Vector> {
         let turn = std::f64::consts::TAU / self.sides.len() as f64;
         let cotangent = 1.0 / (0.5 * turn).tan();

@@ -92,6 +92,12 @@ impl Periods {
         Self::of_products(products)
     }
 
+    /// The second period over the first, as a complex number.
+    pub fn modulus(&self) -> [f64; 2] {
+        let [a, b] = &self.0;
+        [a.dot(b), a.x * b.y - a.y * b.x].map(|part| part / a.norm_squared())
+    }
+
     pub fn translation(&self, [i, j]: Shift) -> Vector {
         self.0[0] * f64::from(i) + self.0[1] * f64::from(j)
     }

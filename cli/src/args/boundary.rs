@@ -19,6 +19,11 @@ pub enum BoundaryCommand {
     Check(BoundaryCheckArgs),
     /// Map a closed surface of genus 0 to the unit sphere, one to one
     Sphere(BoundarySphereArgs),
+    /// Map a closed surface of genus 1 to the torus of revolution that fits it best, one to one
+    Torus(BoundaryTorusArgs),
+    /// Lay a closed surface with handles out in the plane: in a parallelogram, or a polygon of the hyperbolic disk, whose sides
+    /// are glued
+    Unfold(BoundaryUnfoldArgs),
     /// Move the images on the target so that the harmonic energy of the inside falls, one to one all the way
     Improve(BoundaryImproveArgs),
 }
@@ -50,6 +55,34 @@ pub struct BoundarySphereArgs {
     pub start: SphereStartKind,
     #[command(flatten)]
     pub outputs: BoundaryOutputs,
+}
+
+#[derive(Debug, Args)]
+pub struct BoundaryTorusArgs {
+    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra: with one handle, whose hole is not knotted
+    pub model: PathBuf,
+    #[command(flatten)]
+    pub outputs: BoundaryOutputs,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "A surface with one handle is laid out in a parallelogram of area 1, whose first side is a loop that bounds in the \
+                  solid; one of g handles in a polygon of 4g sides in Poincaré's disk, which keeps angles. Triangles across a side \
+                  are drawn once, and stick out."
+)]
+pub struct BoundaryUnfoldArgs {
+    /// Boundary of a solid with handles, or a mesh of it by tetrahedra or hexahedra
+    pub model: PathBuf,
+    /// The layout to write (.obj, .ply, .off): the model's triangles in the plane z = 0, cut open where the sides are glued
+    #[arg(short, long, value_name = "LAYOUT", required_unless_present = "png")]
+    pub output: Option<PathBuf>,
+    /// Write a picture: the model and its layout, painted with one pattern
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Axis that points up in the picture of the model
+    #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
+    pub up: UpKind,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

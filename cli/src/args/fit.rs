@@ -18,7 +18,8 @@ use super::values::bytes;
 pub struct FitArgs {
     #[command(flatten)]
     pub files: BoundaryMapFiles,
-    /// Solid to map onto, or `sphere`: the boundary map is made first, as by `boundary pair` or `boundary sphere`
+    /// Solid to map onto, or `sphere` or `torus`: the boundary map is made first, as by `boundary pair`, `boundary sphere`
+    /// or `boundary torus`
     #[arg(long, value_name = "MODEL", requires = "domain")]
     pub target: Option<PathBuf>,
     /// Map file to write (safetensors)

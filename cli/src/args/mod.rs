@@ -25,7 +25,7 @@ use clap::{Args, Parser, Subcommand};
 pub use bijective::{BijectiveArgs, MapChoice, MapKind};
 pub use boundary::{
     BoundaryCheckArgs, BoundaryCommand, BoundaryImproveArgs, BoundaryMapFiles, BoundaryOutputs, BoundaryPairArgs,
-    BoundarySphereArgs, PairArgs, SphereEnergyKind, SphereStartKind, ViaKind,
+    BoundarySphereArgs, BoundaryTorusArgs, BoundaryUnfoldArgs, PairArgs, SphereEnergyKind, SphereStartKind, ViaKind,
 };
 pub use cgal_tetgen::{Mesher, OffsetArgs, TetArgs};
 pub use compare::{CompareArgs, CompareWorkerArgs, MapMethod};

@@ -52,6 +52,9 @@ enum BoundaryInput<'a> {
     ToSphere {
         domain: &'a Path,
     },
+    ToTorus {
+        domain: &'a Path,
+    },
     ToModel {
         domain: &'a Path,
         target: &'a Path,
@@ -59,20 +62,22 @@ enum BoundaryInput<'a> {
     },
 }
 
-/// The name of the unit sphere for `--target`.
+/// The names for `--target` of the unit sphere, and of the torus of revolution that fits the domain best.
 const SPHERE: &str = "sphere";
+const TORUS: &str = "torus";
 
 impl<'a> BoundaryInput<'a> {
     fn new(args: &'a FitArgs) -> anyhow::Result<Self> {
         let target = args.target.as_deref();
-        let to_model = target.is_some_and(|target| target != Path::new(SPHERE));
+        let is_name = |target: &Path| [SPHERE, TORUS].iter().any(|name| target == Path::new(name));
+        let to_model = target.is_some_and(|target| !is_name(target));
         anyhow::ensure!(
             to_model || args.pair.is_default(),
             "--landmarks, --start, --via, --aligned and the like say how a solid is mapped to another: they need --target MODEL"
         );
         if let Some(target) = target.filter(|target| to_model && !target.exists()) {
             anyhow::bail!(
-                "there is no file `{}`; --target takes a model, or `{SPHERE}`",
+                "there is no file `{}`; --target takes a model, `{SPHERE}` or `{TORUS}`",
                 target.display()
             );
         }
@@ -80,6 +85,7 @@ impl<'a> BoundaryInput<'a> {
         match (args.files.source(), args.files.domain.as_deref(), target) {
             (Some(source), _, None) => Ok(Self::Files(source)),
             (None, Some(domain), Some(target)) if to_model => Ok(Self::ToModel { domain, target, pair }),
+            (None, Some(domain), Some(target)) if target == Path::new(TORUS) => Ok(Self::ToTorus { domain }),
             (None, Some(domain), Some(_)) => Ok(Self::ToSphere { domain }),
             _ => anyhow::bail!("name a DOMAIN with its --image or --target, or a --boundary"),
         }
@@ -89,7 +95,7 @@ impl<'a> BoundaryInput<'a> {
     fn files_by_role(&self) -> Vec<(&'static str, &Path)> {
         match self {
             Self::Files(source) => source.files_by_role(),
-            Self::ToSphere { domain } => vec![("domain", domain)],
+            Self::ToSphere { domain } | Self::ToTorus { domain } => vec![("domain", domain)],
             Self::ToModel { domain, target, pair } => {
                 let pair = pair.files_by_role();
                 [("domain", *domain), ("target", *target)]
@@ -119,6 +125,11 @@ impl<'a> BoundaryInput<'a> {
                 let map = BoundaryMap::onto_sphere(map).with_context(|| boundary_map::cannot_map(domain))?;
                 Ok((map, true))
             }
+            Self::ToTorus { domain } => {
+                let surface = input::read_surface(domain)?;
+                let (made, _) = boundary_map::to_torus(&surface, domain, SHARE_OF_BOUNDARY_MAP, output)?;
+                Ok(used(made, output))
+            }
             Self::ToModel { domain, target, pair } => to_model(domain, target, pair, output),
         }
     }
@@ -131,7 +142,12 @@ const SHARE_OF_BOUNDARY_MAP: f64 = 0.5;
 fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<(BoundaryMap, bool)> {
     let surface = input::read_surface(domain)?;
     let files = [domain, target];
-    let PairMaps { map, report, .. } = boundary_map::to_model(&surface, files, args, 0, SHARE_OF_BOUNDARY_MAP, output)?;
+    let made = boundary_map::to_model(&surface, files, args, 0, SHARE_OF_BOUNDARY_MAP, output)?;
+    Ok(used(made, output))
+}
+
+/// The map, and whether it looks right, after what there is to say of it.
+fn used(PairMaps { map, report, .. }: PairMaps, output: &Output) -> (BoundaryMap, bool) {
     if report.concluded {
         output.warn(interrupt::concluded("boundary map"));
     }
@@ -140,7 +156,7 @@ fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> a
          an isometry is 4). See `solidmap boundary pair`",
         report.timings.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
     ));
-    Ok((map, !report.looks_wrong()))
+    (map, !report.looks_wrong())
 }
 
 /// Fits a map and writes it.

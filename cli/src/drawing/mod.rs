@@ -33,6 +33,7 @@ mod light;
 mod line_chart;
 mod number;
 mod panel;
+mod plane;
 mod plot;
 mod png;
 mod surface_render;
@@ -49,6 +50,7 @@ pub use histogram::Histogram;
 pub use line_chart::{Curve, LineChart};
 pub use number::significant;
 pub use panel::Panel;
+pub use plane::PlaneDrawing;
 pub use surface_render::{Camera, Edges, Shading, SurfaceColour, SurfaceStyle};
 pub use table::{Align, Table};
 

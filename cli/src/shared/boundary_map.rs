@@ -6,7 +6,8 @@ use anyhow::{Context, ensure};
 use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{
-    Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, Stretch, map_pair_with_alternatives,
+    FittingTorus, Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, Stretch, fitting_torus,
+    map_pair_with_alternatives,
 };
 use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
@@ -87,6 +88,41 @@ pub fn to_model(
         improve: !args.no_improve,
         ..PairOptions::default()
     };
+    let names = [format!("`{}`", files[0].display()), format!("`{}`", files[1].display())];
+    let made = paired(domain, &target, &options, &names, share, output);
+    made.map_err(|error| match error.downcast_ref() {
+        Some(PairError::Curves(_)) => {
+            let file = args.landmark_curves.as_deref().unwrap_or(files[0]);
+            error.context(format!("cannot use `{}`", file.display()))
+        }
+        _ => error,
+    })
+}
+
+/// The map of a model to the torus of revolution that fits it best, and that torus.
+pub fn to_torus(
+    surface: &SurfaceMesh,
+    model: &Path,
+    share: f64,
+    output: &Output,
+) -> anyhow::Result<(PairMaps, FittingTorus)> {
+    output.progress("laying out on a flat torus");
+    let model = format!("`{}`", model.display());
+    let torus = fitting_torus(surface).with_context(|| format!("cannot map {model} to a torus"))?;
+    let names = [model, "the torus".into()];
+    let made = paired(surface, &torus.surface, &PairOptions::default(), &names, share, output)?;
+    Ok((made, torus))
+}
+
+/// The map of a pair whose surfaces are known by these names.
+fn paired(
+    domain: &SurfaceMesh,
+    target: &SurfaceMesh,
+    options: &PairOptions,
+    names: &[String; 2],
+    share: f64,
+    output: &Output,
+) -> anyhow::Result<PairMaps> {
     let progress = |phase| {
         show_phase(phase, output);
         // Any one of the coarse embeddings becomes a map by inserting the rest of the vertices.
@@ -101,27 +137,19 @@ pub fn to_model(
         );
         interrupt::control_until(share, has_result)
     };
-    let made = map_pair_with_alternatives(domain, &target, &options, &progress).map_err(|error| match error {
-        // Only one of the files is at fault.
-        PairError::Sphere { side, error } => {
-            let file = files[usize::from(side == "target")];
-            anyhow::Error::new(error).context(cannot_map(file))
-        }
-        PairError::Torus { side, error } => {
-            let file = files[usize::from(side == "target")].display();
-            anyhow::Error::new(error).context(format!("cannot map `{file}` to a flat torus"))
-        }
-        PairError::Hyperbolic { side, error } => {
-            let file = files[usize::from(side == "target")].display();
-            anyhow::Error::new(error).context(format!("cannot map `{file}` to a hyperbolic surface"))
-        }
-        PairError::Curves(error) => {
-            let file = args.landmark_curves.as_deref().unwrap_or(files[0]);
-            anyhow::Error::new(error).context(format!("cannot use `{}`", file.display()))
-        }
+    // Only one of the two is at fault.
+    let of_side = |side: &str, error: anyhow::Error, onto: &str| {
+        let name = &names[usize::from(side == "target")];
+        error.context(format!("cannot map {name} to {onto}"))
+    };
+    let made = map_pair_with_alternatives(domain, target, options, &progress).map_err(|error| match error {
+        PairError::Sphere { side, error } => of_side(side, error.into(), "the sphere"),
+        PairError::Torus { side, error } => of_side(side, error.into(), "a flat torus"),
+        PairError::Hyperbolic { side, error } => of_side(side, error.into(), "a hyperbolic surface"),
+        error @ PairError::Curves(_) => error.into(),
         error => {
-            let (domain, target) = (files[0].display(), files[1].display());
-            anyhow::Error::new(error).context(format!("cannot map `{domain}` to `{target}`"))
+            let [domain, target] = names;
+            anyhow::Error::new(error).context(format!("cannot map {domain} to {target}"))
         }
     })?;
     made.report.warnings.iter().for_each(|warning| output.warn(warning));

@@ -361,6 +361,10 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
   CHECK(thrown_by([&] { BoundaryMap::pair(hollow, ball); }) == "invalid_input");
   CHECK(pair.inverse().domain().vertices().size() == 162);
   CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");
+  CHECK(thrown_by([&] { BoundaryMap::to_torus(cube); }) == "invalid_input");
+  const Surface ring = shapes::torus(3.0, 1.0, 24, 12);
+  const BoundaryMap round = BoundaryMap::to_torus(ring);
+  CHECK(std::abs(round.target_volume() / ring.volume() - 1.0) < 0.1);
 }
 
 TEST_CASE("the energy of the inside falls as the images of a map to the sphere are moved") {

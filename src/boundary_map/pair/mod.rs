@@ -54,6 +54,7 @@ pub use report::{
 pub use rotation::{RotationMatch, search_rotations};
 pub use stretch::Stretch;
 pub use targets::{VertexTarget, vertex_targets};
+pub use torus::{FittingTorus, fitting_torus};
 
 use super::{BoundaryMap, SurfaceDistortion};
 use crate::Vector;

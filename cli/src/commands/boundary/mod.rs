@@ -5,6 +5,8 @@ mod improve;
 pub mod pair;
 mod pictures;
 pub mod sphere;
+mod torus;
+mod unfold;
 mod write;
 
 use crate::CommandOutcome;
@@ -17,6 +19,8 @@ pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Command
         BoundaryCommand::Pair(args) => pair::run(args, output),
         BoundaryCommand::Check(args) => check::run(args, output),
         BoundaryCommand::Sphere(args) => sphere::run(args, output),
+        BoundaryCommand::Torus(args) => torus::run(args, output),
+        BoundaryCommand::Unfold(args) => unfold::run(args, output),
         BoundaryCommand::Improve(args) => improve::run(args, output),
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
+use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{PairMaps, PairMethod, PairReport, PairStartKind, ShellReport, TorusReport};
 
 use super::write;
@@ -59,17 +59,7 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
         output,
     )?;
     let alternatives = write_alternatives(&alternatives, &args.outputs, &read, output)?;
-    let flipped = checked.composition.map_or(0, |found| found.plain_image_flipped);
-    if flipped > 0 {
-        let instead = match &args.outputs.boundary {
-            Some(path) => format!("use `{}`", path.display()),
-            None => "write it with --boundary".into(),
-        };
-        output.note(format_args!(
-            "the plain image, linear between the images of vertices, has {flipped} triangles that face against the \
-             target; the boundary map has none: {instead}"
-        ));
-    }
+    note_flipped(&checked, &args.outputs, output);
     let report = PairSummary {
         domain: (&args.domain).into(),
         target: (&args.target).into(),
@@ -88,6 +78,24 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
         return Ok(CommandOutcome::CheckFailed);
     }
     Ok(CommandOutcome::from_check(!report.pair.looks_wrong()))
+}
+
+/// Says where the plain image is not one to one.
+pub(super) fn note_flipped(checked: &BoundaryCheck, outputs: &BoundaryOutputs, output: &Output) {
+    let flipped = checked
+        .composition
+        .as_ref()
+        .map_or(0, |found| found.plain_image_flipped);
+    if flipped > 0 {
+        let instead = match &outputs.boundary {
+            Some(path) => format!("use `{}`", path.display()),
+            None => "write it with --boundary".into(),
+        };
+        output.note(format_args!(
+            "the plain image, linear between the images of vertices, has {flipped} triangles that face against the \
+             target; the boundary map has none: {instead}"
+        ));
+    }
 }
 
 /// Writes images and boundary files of other maps beside those of the map itself; returns the names of the images.
@@ -134,7 +142,7 @@ fn start_words(kind: PairStartKind) -> &'static str {
     }
 }
 
-fn torus_method(pair: &PairReport) -> String {
+pub(super) fn torus_method(pair: &PairReport) -> String {
     let Some(TorusReport {
         compared,
         is_turned,

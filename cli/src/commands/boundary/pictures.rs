@@ -1,10 +1,11 @@
 //! Pictures of boundary maps: one pattern on the domain and on its image, and where the map distorts.
 
 use crate::drawing::{
-    Camera, Checker, ColourBar, Colours, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
+    Camera, Checker, ColourBar, Colours, Figure, Panel, Pattern, PlaneDrawing, Scale, SurfaceColour, SurfaceStyle,
+    ValueRange,
 };
 use solidmap::boundary_map::check::{BoundaryCheck, ComparedWith};
-use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
+use solidmap::boundary_map::{BoundaryMap, FundamentalDomain, TriangleDistortion, triangle_distortions};
 use solidmap::check::repair;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::spherical::SphericalEmbedding;
@@ -43,15 +44,7 @@ struct ShownDistortion {
 /// `ups` point up in pictures of the domain and of the target.
 pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, ups: [UpKind; 2]) -> anyhow::Result<Figure> {
     // For each of the two solids, from the front and from behind.
-    let cameras = ups.map(|up| {
-        let (up, upside_down) = up.axis();
-        [30.0, 210.0].map(|azimuth| Camera {
-            azimuth,
-            elevation: 20.0,
-            up,
-            upside_down,
-        })
-    });
+    let cameras = ups.map(cameras);
     let pair = match (map.inverse(), map.domain_embedding()) {
         (Some(back), _) => composed(map, back),
         (None, Some(_)) => onto_sphere(map),
@@ -181,6 +174,50 @@ fn sphere_row(
     let last = panels.pop().map(|panel| panel.with_bar(&bar));
     panels.extend(last);
     Ok(panels)
+}
+
+/// A surface with handles, from the front and from behind, and where it is laid out in the plane, with one pattern.
+pub fn unfolded(domain: &FundamentalDomain, up: UpKind) -> anyhow::Result<Figure> {
+    let pattern = cubes(&domain.surface);
+    let shown = Shown {
+        name: "Surface",
+        mesh: domain.surface.clone(),
+        places: domain.surface.vertices().to_vec(),
+        distortion: None,
+    };
+    let [front, back] = cameras(up);
+    let places: Vec<[Point; 3]> = (0..domain.triangles.len()).map(|t| domain.surface.corners(t)).collect();
+    let outline: Vec<[[f64; 2]; 2]> = domain
+        .sides
+        .iter()
+        .flat_map(|side| side.windows(2).map(|ends| [ends[0], ends[1]]))
+        .collect();
+    let drawing = PlaneDrawing {
+        triangles: &domain.triangles,
+        places: &places,
+        pattern,
+        outline: &outline,
+    };
+    let title = match domain.genus {
+        1 => "Parallelogram, opposite sides glued",
+        _ => "Polygon of the hyperbolic disk, sides glued in pairs",
+    };
+    Ok(Figure::row(vec![
+        shown.painted(pattern, &front, "")?,
+        shown.painted(pattern, &back, ", from behind")?,
+        drawing.panel(PIXELS)?.titled(title),
+    ]))
+}
+
+/// From the front and from behind.
+fn cameras(up: UpKind) -> [Camera; 2] {
+    let (up, upside_down) = up.axis();
+    [30.0, 210.0].map(|azimuth| Camera {
+        azimuth,
+        elevation: 20.0,
+        up,
+        upside_down,
+    })
 }
 
 fn refined(map: BoundaryMap) -> BoundaryMap {

@@ -86,10 +86,7 @@ impl BoundaryPage<'_> {
             "triangles",
             domain.triangles().iter().flatten().copied(),
         ));
-        arrays.push(PackedArray::indices(
-            "flipped",
-            found.flipped_triangles.iter().copied(),
-        ));
+        arrays.push(PackedArray::indices("flipped", found.flipped_triangles.iter().copied()));
         let mut notes: Vec<String> = found.findings.iter().map(|finding| finding.message.clone()).collect();
         if !boundary.is_linear() {
             notes.push(

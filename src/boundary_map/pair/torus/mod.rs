@@ -8,8 +8,10 @@
 //! No step inverts a triangle in the plane.
 
 pub(super) mod energy;
+mod fitting;
 pub(super) mod search;
 
+pub use fitting::{FittingTorus, fitting_torus};
 use rayon::prelude::*;
 
 use super::{
