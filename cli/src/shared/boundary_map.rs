@@ -6,8 +6,8 @@ use anyhow::{Context, ensure};
 use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{
-    FittingTorus, Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, Stretch, fitting_torus,
-    map_pair_with_alternatives,
+    FittingTorus, Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, PairReport, Stretch,
+    fitting_torus, map_pair_with_alternatives,
 };
 use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
@@ -90,13 +90,16 @@ pub fn to_model(
     };
     let names = [format!("`{}`", files[0].display()), format!("`{}`", files[1].display())];
     let made = paired(domain, &target, &options, &names, share, output);
-    made.map_err(|error| match error.downcast_ref() {
+    let made = made.map_err(|error| match error.downcast_ref() {
         Some(PairError::Curves(_)) => {
             let file = args.landmark_curves.as_deref().unwrap_or(files[0]);
             error.context(format!("cannot use `{}`", file.display()))
         }
         _ => error,
-    })
+    })?;
+    made.report.warnings.iter().for_each(|warning| output.warn(warning));
+    warn_of_looks(&made.report, output);
+    Ok(made)
 }
 
 /// The map of a model to the torus of revolution that fits it best, and that torus.
@@ -111,6 +114,8 @@ pub fn to_torus(
     let torus = fitting_torus(surface).with_context(|| format!("cannot map {model} to a torus"))?;
     let names = [model, "the torus".into()];
     let made = paired(surface, &torus.surface, &PairOptions::default(), &names, share, output)?;
+    // Not that classes are as good as each other: a torus of revolution is its own mirror image.
+    warn_of_looks(&made.report, output);
     Ok((made, torus))
 }
 
@@ -142,7 +147,7 @@ fn paired(
         let name = &names[usize::from(side == "target")];
         error.context(format!("cannot map {name} to {onto}"))
     };
-    let made = map_pair_with_alternatives(domain, target, options, &progress).map_err(|error| match error {
+    map_pair_with_alternatives(domain, target, options, &progress).map_err(|error| match error {
         PairError::Sphere { side, error } => of_side(side, error.into(), "the sphere"),
         PairError::Torus { side, error } => of_side(side, error.into(), "a flat torus"),
         PairError::Hyperbolic { side, error } => of_side(side, error.into(), "a hyperbolic surface"),
@@ -151,31 +156,33 @@ fn paired(
             let [domain, target] = names;
             anyhow::Error::new(error).context(format!("cannot map {domain} to {target}"))
         }
-    })?;
-    made.report.warnings.iter().for_each(|warning| output.warn(warning));
-    if made.report.stretch.looks_wrong() {
-        output.warn(looks_wrong(&made.report.stretch));
-    } else if let Some(shell) = made.report.stretched_shell() {
+    })
+}
+
+/// Warns of a map that looks wrong.
+fn warn_of_looks(report: &PairReport, output: &Output) {
+    if report.stretch.looks_wrong() {
+        output.warn(looks_wrong(&report.stretch));
+    } else if let Some(shell) = report.stretched_shell() {
         output.warn(format_args!(
             "the boundary map looks wrong: {} % of the area of shell {shell}, counted from 0, is stretched or compressed over {} \
              times. Up to {} % is expected (--max-stretched {})",
-            significant(100.0 * made.report.shells[shell].stretched, 2),
-            made.report.stretch.factor,
-            significant(100.0 * made.report.stretch.limit, 2),
-            made.report.stretch.limit
+            significant(100.0 * report.shells[shell].stretched, 2),
+            report.stretch.factor,
+            significant(100.0 * report.stretch.limit, 2),
+            report.stretch.limit
         ));
     }
-    if let Some(nearer) = &made.report.nearer_isometry {
+    if let Some(nearer) = &report.nearer_isometry {
         output.warn(format_args!(
             "the boundary map looks wrong: a correspondence by intrinsic shape is nearer to an isometry (defect {}, the map {}) \
              and {} % of the diagonal away in the mean. Limbs may be on wrong limbs: look at it with --png, see whether an \
              alternative is right, or give landmarks",
             significant(nearer.isometry_defect, 2),
-            made.report.isometry_defect.map_or_else(String::new, |defect| significant(defect, 2)),
+            report.isometry_defect.map_or_else(String::new, |defect| significant(defect, 2)),
             significant(100.0 * nearer.distance, 2)
         ));
     }
-    Ok(made)
 }
 
 /// The warning that a map stretches too much of the domain too far.
