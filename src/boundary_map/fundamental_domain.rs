@@ -62,7 +62,9 @@ fn in_parallelogram(surface: &SurfaceMesh) -> Result<FundamentalDomain, Toroidal
     let torus = TorusSurface::new(surface)?;
     let (_, layout) = torus.layouts(usize::MAX)?;
     let embedding = torus.embedded(&layout)?;
-    let periods = Periods::of_embedding(&embedding);
+    let (periods, times) = Periods::of_embedding(&embedding).upright();
+    // Of the second period with the first added `times` times, as much is left for the first.
+    let upright = |x: Vector| Vector::new(x.x - times * x.y, x.y, x.z);
     // The first period along the first axis.
     let first = periods.translation([1, 0]).normalize() / TORUS_AREA.sqrt();
     let place = |x: [f64; 2]| {
@@ -70,7 +72,7 @@ fn in_parallelogram(surface: &SurfaceMesh) -> Result<FundamentalDomain, Toroidal
         [first.x * p.x + first.y * p.y, first.x * p.y - first.y * p.x]
     };
     let triangle = |t: usize| {
-        let corners = embedding.corners(t);
+        let corners = embedding.corners(t).map(upright);
         let middle: Vector = corners.iter().sum::<Vector>() / 3.0;
         corners.map(|x| place([x.x - middle.x.floor(), x.y - middle.y.floor()]))
     };
@@ -154,6 +156,13 @@ mod tests {
         let [_, right, top] = [0, 1, 2].map(|k| found.sides[k][0]);
         assert!((top[1] / right[0] / (2.5f64.powi(2) - 1.0).sqrt() - 1.0).abs() < 0.1);
         assert!((top[0] - right[0]).abs() < 0.02 * right[0]);
+        // However long it is.
+        let thin = fundamental_domain(&shapes::torus(20.0, 1.0, 160, 12)).unwrap();
+        let [_, right, top] = [0, 1, 2].map(|k| thin.sides[k][0]);
+        assert!((top[0] - right[0]).abs() <= 0.501 * right[0], "{:?}", thin.sides);
+        assert!(thin.triangles.iter().all(|t| area(t) > 0.0));
+        let total: f64 = thin.triangles.iter().map(area).sum();
+        assert!((total - 1.0).abs() < 1e-9, "{total}");
         // Cut open, it is a disk: one vertex more than edges and triangles say, with copies along the cut.
         let (mesh, origins) = found.mesh();
         assert!(mesh.vertices().len() > ring.vertices().len() && mesh.vertices().len() < 1200);

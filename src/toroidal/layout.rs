@@ -92,6 +92,13 @@ impl Periods {
         Self::of_products(products)
     }
 
+    /// The same torus, its second period with that multiple of the first added that makes it lean least; and the multiple.
+    pub fn upright(&self) -> (Self, f64) {
+        let Self([a, b]) = *self;
+        let times = -(a.dot(&b) / a.norm_squared()).round();
+        (Self([a, b + a * times]), times)
+    }
+
     /// The second period over the first, as a complex number.
     pub fn modulus(&self) -> [f64; 2] {
         let [a, b] = &self.0;

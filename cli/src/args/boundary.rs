@@ -19,7 +19,7 @@ pub enum BoundaryCommand {
     Check(BoundaryCheckArgs),
     /// Map a closed surface of genus 0 to the unit sphere, one to one
     Sphere(BoundarySphereArgs),
-    /// Map a closed surface of genus 1 to the torus of revolution that fits it best, one to one
+    /// Map a closed surface of genus 1 to a mesh of the torus of revolution that fits it best, one to one
     Torus(BoundaryTorusArgs),
     /// Lay a closed surface with handles out in the plane: in a parallelogram, or a polygon of the hyperbolic disk, whose sides
     /// are glued
@@ -58,6 +58,10 @@ pub struct BoundarySphereArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(
+    after_help = "The torus has as many vertices as MODEL, within 1000 and 20 000, and the ratio of its radii is 1.05 at least. It lies \
+                  about the z axis, has its centre at the origin, and MODEL's volume."
+)]
 pub struct BoundaryTorusArgs {
     /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra: with one handle, whose hole is not knotted
     pub model: PathBuf,
@@ -68,8 +72,8 @@ pub struct BoundaryTorusArgs {
 #[derive(Debug, Args)]
 #[command(
     after_help = "A surface with one handle is laid out in a parallelogram of area 1, whose first side is a loop that bounds in the \
-                  solid; one of g handles in a polygon of 4g sides in Poincaré's disk, which keeps angles. Triangles across a side \
-                  are drawn once, and stick out."
+                  solid; one of g handles in a polygon of 4g sides in Poincaré's disk. Angles are distorted little, as the report says, \
+                  and not kept exactly. Triangles across a side are drawn once: they stick out, and may come loose."
 )]
 pub struct BoundaryUnfoldArgs {
     /// Boundary of a solid with handles, or a mesh of it by tetrahedra or hexahedra
@@ -225,7 +229,7 @@ pub struct BoundaryOutputs {
     /// Write a picture: both surfaces painted with one pattern, and coloured by distortion
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Write the surface with images and distortion, for ParaView (.vtu, .vtk)
+    /// Write the surface with images and distortion, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
     /// Write a page to look into the boundary map, as `view` does (.html)

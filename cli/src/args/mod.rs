@@ -64,7 +64,8 @@ pub struct Cli {
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Stop with exit code 2 when the command takes longer than this; no file is left half-written. `fit`, `boundary pair`,
-    /// `boundary sphere` and `boundary improve` write the best result so far instead, with exit code 1, if there is one [default: none]
+    /// `boundary sphere`, `boundary torus` and `boundary improve` write the best result so far instead, with exit code 1, if there is one
+    /// [default: none]
     #[arg(long, global = true, value_name = "SECONDS", value_parser = seconds)]
     pub time_limit: Option<f64>,
 }

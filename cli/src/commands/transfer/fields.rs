@@ -125,7 +125,7 @@ pub fn drawn(args: &TransferArgs, carrier: &FieldMesh) -> anyhow::Result<usize> 
     let shown = scalars().find(|(_, (_, field))| is_distance(args, field));
     let (which, _) = shown
         .or_else(|| scalars().next())
-        .context("there is no field of one component to draw; leave out --png and --html")?;
+        .context("there is no field of one component to draw; leave out --png and --html, or add --distance")?;
     Ok(which)
 }
 

@@ -149,6 +149,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
         None => {}
     }
     warn(output, args, outside.unwrap_or(0), &checks);
+    warn_of_values(output, carrier);
     let (tets, hexes) = match &carrier.cells {
         CellList::Tets(tets) => (tets.len(), 0),
         CellList::Hexes(hexes) => (0, hexes.len()),
@@ -201,6 +202,20 @@ fn warn(output: &Output, args: &TransferArgs, outside: usize, checks: &TransferC
             "the map has no finite Jacobian at {} points of the grid; the volumes leave them out",
             checks.volume.not_finite
         ));
+    }
+}
+
+/// Warns of values that means and distributions leave out.
+fn warn_of_values(output: &Output, carrier: &FieldMesh) {
+    for (_, field) in fields::all_fields(carrier) {
+        let count = field.values.iter().filter(|value| !value.is_finite()).count();
+        if count > 0 {
+            output.warn(format!(
+                "{count} of {} values of `{}` are not finite: they are carried, and left out of its mean and distribution",
+                field.values.len(),
+                field.name
+            ));
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! A field on cross-sections of domain and target, and all scalar fields in a page.
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::energy::EnergyOptions;
@@ -18,6 +18,9 @@ use crate::shared::output::Output;
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 480;
+
+/// The largest value in a page, which has single precision.
+const MOST: f64 = 1e30;
 
 /// The page of the map with every scalar field.
 pub fn page(
@@ -40,6 +43,16 @@ pub fn page(
                 true => distances(boundary, points)?,
                 false => field.values,
             };
+            let shown = field.name.escape_debug();
+            let most = values.iter().filter(|v| v.is_finite()).map(|v| v.abs()).fold(f64::NAN, f64::max);
+            ensure!(
+                !most.is_nan(),
+                "`{shown}` has no finite value in the domain, and cannot be shown; leave out --html, or the field"
+            );
+            ensure!(
+                most <= MOST,
+                "`{shown}` has values of up to {most:.1e}, and a page holds numbers of up to {MOST:.0e}; scale the field"
+            );
             Ok(CarriedScalar {
                 name: field.name,
                 values,

@@ -18,13 +18,13 @@ pub struct FittingTorus {
     /// Radius of the tube.
     pub minor: f64,
     /// The period of a loop around the handle over that of one that bounds a disk, as a complex number: how far the parallelogram
-    /// leans, and its height. Known as far as the surface was laid out without distortion of angles.
+    /// leans, by half of its width at most, and its height. Known as far as the surface was laid out without distortion of angles.
     pub modulus: [f64; 2],
 }
 
 /// Fewest and most vertices of the torus, which has about as many as the solid between.
 const VERTICES: [usize; 2] = [1000, 20_000];
-/// The least ratio of the radii, and fewest vertices around the tube or along it.
+/// The least ratio of the radii, below which the hole is closed but for slivers, and fewest vertices around the tube or along it.
 const LEAST_RATIO: f64 = 1.05;
 const FEWEST: usize = 12;
 
@@ -39,7 +39,8 @@ pub fn fitting_torus(solid: &SurfaceMesh) -> Result<FittingTorus, ToroidalError>
     let (_, layout) = torus.layouts(usize::MAX)?;
     let embedding = torus.embedded(&layout)?;
     torus.require_unknotted(&embedding)?;
-    let modulus = Periods::of_embedding(&embedding).modulus();
+    let (periods, _) = Periods::of_embedding(&embedding).upright();
+    let modulus = periods.modulus();
     let ratio = (1.0 + modulus[1].powi(2)).sqrt().max(LEAST_RATIO);
     // 2π² ρ r³ is the volume.
     let volume = torus.surface().volume();

@@ -19,6 +19,7 @@ uniform sampler2D palette;
 uniform vec2 ends;
 uniform bool logarithmic;
 vec3 scaleColour(float value) {
+  if (isnan(value)) return vec3(0.55);
   vec2 range = logarithmic ? log(ends) : ends;
   float place = ((logarithmic ? log(max(value, 1e-30)) : value) - range.x) / (range.y - range.x);
   return texture2D(palette, vec2(clamp(place, 0.0, 1.0) * 0.996 + 0.002, 0.5)).rgb;
