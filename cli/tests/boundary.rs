@@ -303,10 +303,10 @@ fn a_ring_is_mapped_to_a_torus_of_revolution_and_fitted() {
     let ratio = major / minor;
     assert!((ratio - 2.5).abs() < 0.3, "{ratio}");
     let image = io::read_surface(place.path("image.obj")).unwrap();
-    // Every vertex goes to a triangle of the torus, whose axis is z.
+    // Every vertex goes to a triangle of the torus, whose axis is z, and which is 1 to 2 % off the round one.
     for p in image.vertices() {
         let off = (p.x.hypot(p.y) - major).hypot(p.z) / minor;
-        assert!(off > 0.9 && off < 1.001, "{p}");
+        assert!(off > 0.97 && off < 1.01, "{p}: {off}");
     }
     assert!((image.volume() / ring.volume() - 1.0).abs() < 0.1);
     let checked = place.report(0, "boundary check way.safetensors --json");
@@ -331,7 +331,8 @@ fn surfaces_with_handles_are_unfolded_into_a_polygon() {
         let line = format!("boundary unfold {name}.obj -o {name}_flat.obj --png {name}.png --json");
         let report = place.report(0, &line);
         assert_eq!((&report["genus"], &report["sides"]), (&genus.into(), &sides.into()));
-        assert!(report["angle_p50"].as_f64().unwrap() < 1.5, "{report}");
+        // The plate has right angles, and few triangles.
+        assert!(report["angle_p50"].as_f64().unwrap() < 2.5, "{report}");
         let flat = io::read_surface(place.path(&format!("{name}_flat.obj"))).unwrap();
         let model = io::read_surface(place.path(&format!("{name}.obj"))).unwrap();
         assert_eq!(flat.triangles().len(), model.triangles().len());

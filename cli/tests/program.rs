@@ -53,7 +53,7 @@ fn outputs_and_settings_that_make_no_sense_are_refused_before_the_work() {
     place.fails(&format!("{fit} -o out.map --alpha nan"), &["--alpha is NaN"]);
     place.fails(
         "fit ball.obj --target spere -o out.map",
-        &["no file `spere`", "a model, or `sphere`"],
+        &["no file `spere`", "a model, `sphere` or `torus`"],
     );
     place.fails(
         "fit ball.obj --image . -o out.map",

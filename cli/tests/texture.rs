@@ -520,7 +520,7 @@ fn a_texture_is_carried_by_maps_of_its_own_solid_only() {
     );
     place.refuses(
         "painted.safetensors --through cube.map --png x.png",
-        &["--png shows the model itself", "--through"],
+        &["--png and --html show the model itself", "--through"],
     );
     place.refuses("painted.safetensors --through cube.map", &["nothing would be written"]);
     place.refuses(
