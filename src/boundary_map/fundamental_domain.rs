@@ -63,7 +63,7 @@ fn in_parallelogram(surface: &SurfaceMesh) -> Result<FundamentalDomain, Toroidal
     let (_, layout) = torus.layouts(usize::MAX)?;
     let embedding = torus.embedded(&layout)?;
     let (periods, times) = Periods::of_embedding(&embedding).upright();
-    // Of the second period with the first added `times` times, as much is left for the first.
+    // The same point in units of the new periods: u a + v b = (u − v times) a + v (b + times a).
     let upright = |x: Vector| Vector::new(x.x - times * x.y, x.y, x.z);
     // The first period along the first axis.
     let first = periods.translation([1, 0]).normalize() / TORUS_AREA.sqrt();
@@ -112,13 +112,13 @@ fn in_disk(x: Vector) -> [f64; 2] {
 }
 
 impl FundamentalDomain {
-    /// The layout as a mesh in the plane, with a vertex for each copy of one that its triangles have: in the order of the
-    /// triangles, and for each vertex that of the surface.
+    /// The layout as a mesh in the plane, its triangles in the order of the surface's, and for each of its vertices that of the
+    /// surface that it is a copy of. Vertices at the sides have several copies.
     pub fn mesh(&self) -> (SurfaceMesh, Vec<u32>) {
         let mut of_place = std::collections::HashMap::new();
         let (mut vertices, mut origins) = (vec![], vec![]);
         let mut corner = |v: u32, p: [f64; 2]| {
-            // Copies are far apart, and places of one agree up to rounding.
+            // Copies are far apart, and triangles around a copy agree on its place up to rounding.
             let key = (v, p.map(|c| (c * 1e6).round() as i64));
             *of_place.entry(key).or_insert_with(|| {
                 vertices.push(Point::new(p[0], p[1], 0.0));

@@ -76,7 +76,7 @@ pub struct BoundaryCheck {
     /// edge that face against the triangles around them. With a negative degree, all triangles are inverted if the map
     /// is a bijection.
     pub flipped: usize,
-    /// Which triangles these are, ascending.
+    /// Which triangles these are.
     #[serde(skip)]
     pub flipped_triangles: Vec<u32>,
     /// Triangles with an area whose images have none: corners exactly on a line (on a sphere: on a great circle).

@@ -304,7 +304,7 @@ pub struct PairTimings {
     pub total: f64,
 }
 
-/// Of maps made one after the other.
+/// The time of several maps that are made one after the other.
 impl std::iter::Sum for PairTimings {
     fn sum<I: Iterator<Item = Self>>(timings: I) -> Self {
         timings.fold(Self::default(), |a, b| Self {

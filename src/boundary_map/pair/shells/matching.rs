@@ -25,7 +25,7 @@ type Matched = (Vec<[usize; 2]>, f64);
 /// How the shells of two solids are matched.
 pub(super) struct Matching<'a> {
     pub solids: &'a [Solid; 2],
-    /// Outer shells lie where they belong.
+    /// Whether outermost shells are matched where they lie, without an alignment.
     is_aligned: bool,
     /// For shells of the domain with landmarks or curves the shell of the target that these are on.
     joined: BTreeMap<usize, usize>,

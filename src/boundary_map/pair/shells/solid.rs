@@ -10,9 +10,9 @@ use crate::{Point, Vector};
 /// A shell, and what is compared to find its partner.
 pub(super) struct Shell {
     pub surface: SurfaceMesh,
-    /// Of the solid, ascending.
+    /// The solid's number of each of its vertices, ascending.
     pub vertices: Vec<u32>,
-    /// The shell around it.
+    /// The shell that holds it; `None` for an outermost one.
     pub around: Option<usize>,
     pub is_cavity: bool,
     pub genus: u64,
