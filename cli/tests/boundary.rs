@@ -328,8 +328,9 @@ fn surfaces_with_handles_are_unfolded_into_a_polygon() {
     place.surface("ring.obj", &shapes::torus(2.0, 0.8, 36, 18));
     place.surface("plate.obj", &shapes::double_torus(2));
     for (name, genus, sides) in [("ring", 1, 4), ("plate", 2, 8)] {
-        let line = format!("boundary unfold {name}.obj -o {name}_flat.obj --png {name}.png --json");
+        let line = format!("boundary unfold {name}.obj -o {name}_flat.obj --png {name}.png --html {name}.html --json");
         let report = place.report(0, &line);
+        assert_eq!(report["page"], format!("{name}.html"));
         assert_eq!((&report["genus"], &report["sides"]), (&genus.into(), &sides.into()));
         // The plate has right angles, and few triangles.
         assert!(report["angle_p50"].as_f64().unwrap() < 2.5, "{report}");
@@ -342,7 +343,23 @@ fn surfaces_with_handles_are_unfolded_into_a_polygon() {
         );
         assert!((0..flat.triangles().len()).all(|t| flat.area_vector(t).z > 0.0));
         assert!(place.path(&format!("{name}.png")).exists());
+        let page = std::fs::read_to_string(place.path(&format!("{name}.html"))).unwrap();
+        for array in ["domain", "image", "outline", "field-angle"] {
+            assert!(page.contains(&format!("data-array=\"{array}\"")), "{array}");
+        }
+        assert!(page.contains("\"names\":[\"surface\",\"layout\"]"));
     }
+    // A page alone will do.
+    place.ends_with(0, "boundary unfold ring.obj --html alone.html --up y");
+    place.fails(
+        "boundary unfold ring.obj --html small.html --max-size 10kB",
+        &["the page of all 1296 triangles", "allow more"],
+    );
+    assert!(!place.path("small.html").exists());
+    place.fails(
+        "boundary unfold ring.obj --html page.png",
+        &["`page.png`", "name it .html"],
+    );
     place.surface("ball.obj", &shapes::sphere(1.0, 2));
     place.fails(
         "boundary unfold ball.obj -o i.obj",

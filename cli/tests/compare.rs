@@ -62,6 +62,13 @@ impl ComparePlace {
         names
     }
 
+    /// What the scripts of the page read.
+    fn page(&self, folder: &str) -> Value {
+        let text = std::fs::read_to_string(self.path(folder).join("comparison.html")).unwrap();
+        let (_, data) = text.split_once("id=\"data\">").unwrap();
+        serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap()
+    }
+
     fn comparison(&self, folder: &str) -> Value {
         serde_json::from_slice(&std::fs::read(self.path(folder).join("comparison.json")).unwrap()).unwrap()
     }
@@ -77,6 +84,13 @@ fn bend(p: &Point) -> Point {
         1.5 * p.y + 0.02 * p.x * p.x,
         p.z - 0.1 * p.y * p.x,
     )
+}
+
+/// The parts of a page that are tables, words or titles.
+fn of_kind<'p>(page: &'p Value, kind: &str) -> Vec<&'p Value> {
+    let parts = page["parts"].as_array().unwrap().iter();
+    let found = parts.filter(|part| part["kind"] == kind);
+    found.map(|part| &part["content"]).collect()
 }
 
 fn name(row: &Value) -> &str {
@@ -164,6 +178,30 @@ fn every_method_gets_a_row_and_files_that_can_be_read() {
             .unwrap()
             .starts_with(b"\x89PNG")
     );
+    let page = place.page("all");
+    assert_eq!(page["kind"], "report");
+    let address = page["picture"]["address"].as_str().unwrap();
+    assert!(address.starts_with("data:image/png;base64,"));
+    let alternative = page["picture"]["alternative"].as_str().unwrap();
+    assert!(
+        METHODS.iter().all(|method| alternative.contains(method)),
+        "{alternative}"
+    );
+    let files = page["files"].as_array().unwrap();
+    let names: Vec<&Value> = files.iter().map(|file| &file["file"]).collect();
+    assert_eq!(names, ["domain.obj", "image.obj"]);
+    // The tables of the text, with all rows.
+    let tables = of_kind(&page, "table");
+    assert_eq!(tables.len(), 3);
+    for table in tables {
+        let rows = table["rows"].as_array().unwrap();
+        let found: Vec<&Value> = rows.iter().map(|row| &row[0]).collect();
+        assert_eq!(found, METHODS);
+        let columns = table["columns"].as_array().unwrap().len();
+        assert!(rows.iter().all(|row| row.as_array().unwrap().len() == columns));
+    }
+    let words = of_kind(&page, "words");
+    assert!(words[0].as_str().unwrap().contains("held-out points"), "{words:?}");
 
     let points = io::read_points(folder.join("points.csv")).unwrap();
     assert_eq!(points.len(), 200);
@@ -279,11 +317,21 @@ fn too_many_tets_take_their_own_rows_only() {
     assert!(text.contains("10 are allowed") && text.contains("mean_value"), "{text}");
     assert!(place.path("few/mfs.csv").exists() && !place.path("few/fem.csv").exists());
     assert!(place.path("few/comparison.png").exists());
+    let page = place.page("few");
+    let words = of_kind(&page, "words");
+    assert!(words[1].as_str().unwrap().contains("10 are allowed"), "{words:?}");
+    let alternative = page["picture"]["alternative"].as_str().unwrap();
+    assert!(
+        alternative.contains("mfs, mean_value") && !alternative.contains("fem"),
+        "{alternative}"
+    );
 }
 
 #[test]
 fn rows_that_take_too_long_say_so() {
     let place = ComparePlace::new();
+    std::fs::create_dir(place.path("late")).unwrap();
+    std::fs::write(place.path("late/comparison.html"), "of an earlier comparison").unwrap();
     let rows = place.rows("--time-limit 0.001 --out late", 1);
     assert_eq!(rows.len(), 4);
     for row in &rows {
@@ -291,6 +339,12 @@ fn rows_that_take_too_long_say_so() {
     }
     let comparison = place.comparison("late");
     assert!(comparison["reference"].is_null());
+    // Without a map there is no picture, but a page all the same.
+    assert!(!place.path("late/comparison.png").exists());
+    let page = place.page("late");
+    assert!(page["picture"].is_null());
+    let words = of_kind(&page, "words");
+    assert!(words[1].as_str().unwrap().contains("time limit"), "{words:?}");
     assert!(place.names("late").iter().all(|name| !name.contains("tmp")));
     assert_eq!(place.run("--time-limit 0").status.code(), Some(2));
 }

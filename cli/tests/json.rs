@@ -272,7 +272,10 @@ fn every_field_of_a_report_is_documented_and_written() {
             "boundary torus",
             "boundary torus ring.ply -o rt.ply --boundary rt.safetensors --png rt.png --vtu rt.vtu --html rt.html",
         ),
-        ("boundary unfold", "boundary unfold rings.ply -o u.ply --png u.png"),
+        (
+            "boundary unfold",
+            "boundary unfold rings.ply -o u.ply --png u.png --html u.html",
+        ),
         ("fit", "fit ball.ply --image bent.ply -o x.map --tolerance 0.01"),
         (
             "fit",

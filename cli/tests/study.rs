@@ -370,11 +370,11 @@ fn a_page_has_the_picture_the_rows_and_what_they_mean() {
     let page = std::fs::read_to_string(place.path("page.html")).unwrap();
     for shown in [
         "data:image/png;base64,iVBORw0KGgo",
-        "\"kind\":\"study\"",
+        "\"kind\":\"report\"",
         "C-Error",
         "diagonal²",
         "more than 0.5",
-        "page/study",
+        "page/report",
         "ball.ply → bent.ply: place of the sources",
     ] {
         assert!(page.contains(shown), "{shown}");

@@ -79,12 +79,17 @@ pub struct BoundaryUnfoldArgs {
     /// Boundary of a solid with handles, or a mesh of it by tetrahedra or hexahedra
     pub model: PathBuf,
     /// The layout to write (.obj, .ply, .off): the model's triangles in the plane z = 0, cut open where the sides are glued
-    #[arg(short, long, value_name = "LAYOUT", required_unless_present = "png")]
+    #[arg(short, long, value_name = "LAYOUT", required_unless_present_any = ["png", "html"])]
     pub output: Option<PathBuf>,
     /// Write a picture: the model and its layout, painted with one pattern
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Axis that points up in the picture of the model
+    /// Write a page to look into the layout beside the model (.html)
+    #[arg(long, value_name = "PAGE")]
+    pub html: Option<PathBuf>,
+    #[command(flatten)]
+    pub page: PageSizeArgs,
+    /// Axis of the model that points up in the picture and the page
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
 }

@@ -26,7 +26,7 @@ pub struct CompareArgs {
         default_value = "mfs,fem,variational,mean_value"
     )]
     pub methods: Vec<MapMethod>,
-    /// Folder for tables, pictures, and the maps at points and on a tet mesh
+    /// Folder for tables, a picture, a page of both, and the maps at points and on a tet mesh
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Make no maps, but measure one: that from the tetrahedra of DOMAIN to those of IMAGE, both meshes of the same

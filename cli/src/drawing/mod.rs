@@ -52,7 +52,7 @@ pub use number::significant;
 pub use panel::Panel;
 pub use plane::PlaneDrawing;
 pub use surface_render::{Camera, Edges, Shading, SurfaceColour, SurfaceStyle};
-pub use table::{Align, Table};
+pub use table::{Align, Table, TableColumn, TableContent};
 
 use solidmap::geometry::SectionError;
 

@@ -1,7 +1,10 @@
 use std::fmt;
 
+use serde::Serialize;
+
 /// The alignment of a column.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Align {
     /// For words.
     Left,
@@ -23,55 +26,89 @@ pub enum Align {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table<const N: usize> {
-    heads: [String; N],
-    units: [String; N],
-    aligns: [Align; N],
-    rows: Vec<[String; N]>,
+    content: TableContent,
 }
 
 impl<const N: usize> Table<N> {
     /// A table without rows; a column is its heading, its unit (or `""`) and its alignment.
     pub fn new(columns: [(&str, &str, Align); N]) -> Self {
+        let column = |(head, unit, align): (&str, &str, Align)| TableColumn {
+            head: head.to_owned(),
+            unit: unit.to_owned(),
+            align,
+        };
         Self {
-            heads: columns.map(|c| c.0.to_owned()),
-            units: columns.map(|c| c.1.to_owned()),
-            aligns: columns.map(|c| c.2),
-            rows: Vec::new(),
+            content: TableContent {
+                columns: columns.map(column).into(),
+                rows: Vec::new(),
+            },
         }
     }
 
     /// Adds a row at the end.
     pub fn row(&mut self, cells: [String; N]) {
-        self.rows.push(cells);
+        self.content.rows.push(cells.into());
     }
 
+    /// What it says, with the number of columns forgotten.
+    pub fn into_content(self) -> TableContent {
+        self.content
+    }
+}
+
+impl<const N: usize> fmt::Display for Table<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.content.fmt(f)
+    }
+}
+
+/// A column of a table.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct TableColumn {
+    /// Its heading; empty where that of the column before stands over it, too.
+    pub head: String,
+    /// Its unit, or empty.
+    pub unit: String,
+    /// Its alignment.
+    pub align: Align,
+}
+
+/// What a table of any number of columns says. Its `Display` is that of [`Table`].
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct TableContent {
+    /// The columns.
+    pub columns: Vec<TableColumn>,
+    /// The rows, from left to right.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl TableContent {
     /// The same table in Markdown (GitHub's), units in brackets behind the headings.
     pub fn to_markdown(&self) -> String {
-        let head = |k: usize| match (self.heads[k].as_str(), self.units[k].as_str()) {
+        let head = |column: &TableColumn| match (column.head.as_str(), column.unit.as_str()) {
             (head, "") => head.to_owned(),
             ("", unit) => unit.to_owned(),
             (head, unit) => format!("{head} ({unit})"),
         };
-        let line = |cells: Vec<String>| {
+        let line = |cells: &[String]| {
             let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
             format!("| {} |\n", cells.join(" | "))
         };
-        let rules = self.aligns.iter().map(|align| match align {
+        let rules = self.columns.iter().map(|column| match column.align {
             Align::Left => "---",
             Align::Right => "--:",
         });
-        let mut text = line((0..N).map(head).collect());
+        let mut text = line(&self.columns.iter().map(head).collect::<Vec<_>>());
         text += &format!("|{}|\n", rules.collect::<Vec<_>>().join("|"));
-        self.rows.iter().for_each(|row| text += &line(row.to_vec()));
+        self.rows.iter().for_each(|row| text += &line(row));
         text
     }
 
-    fn write_line(&self, f: &mut fmt::Formatter<'_>, cells: &[String; N], widths: &[usize; N]) -> fmt::Result {
+    fn write_line(&self, f: &mut fmt::Formatter<'_>, cells: &[String], widths: &[usize]) -> fmt::Result {
         let mut line = String::new();
-        for (k, cell) in cells.iter().enumerate() {
-            let width = widths[k];
+        for (k, ((cell, column), &width)) in cells.iter().zip(&self.columns).zip(widths).enumerate() {
             let gap = if k > 0 { "  " } else { "" };
-            line += &match self.aligns[k] {
+            line += &match column.align {
                 Align::Left => format!("{gap}{cell:<width$}"),
                 Align::Right => format!("{gap}{cell:>width$}"),
             };
@@ -80,20 +117,22 @@ impl<const N: usize> Table<N> {
     }
 }
 
-impl<const N: usize> fmt::Display for Table<N> {
+impl fmt::Display for TableContent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lines = [&self.heads, &self.units].into_iter().chain(&self.rows);
-        let mut widths = [0; N];
-        for line in lines {
+        let of_columns = |text: fn(&TableColumn) -> &String| self.columns.iter().map(text).cloned().collect();
+        let (heads, units): (Vec<String>, Vec<String>) = (of_columns(|c| &c.head), of_columns(|c| &c.unit));
+        let mut widths = vec![0; self.columns.len()];
+        for line in [&heads, &units].into_iter().chain(&self.rows) {
             for (width, cell) in widths.iter_mut().zip(line) {
                 *width = (*width).max(cell.chars().count());
             }
         }
-        self.write_line(f, &self.heads, &widths)?;
-        if self.units.iter().any(|unit| !unit.is_empty()) {
-            self.write_line(f, &self.units, &widths)?;
+        self.write_line(f, &heads, &widths)?;
+        if units.iter().any(|unit| !unit.is_empty()) {
+            self.write_line(f, &units, &widths)?;
         }
-        self.write_line(f, &widths.map(|width| "-".repeat(width)), &widths)?;
+        let rules: Vec<String> = widths.iter().map(|&width| "-".repeat(width)).collect();
+        self.write_line(f, &rules, &widths)?;
         self.rows.iter().try_for_each(|row| self.write_line(f, row, &widths))
     }
 }
@@ -111,7 +150,7 @@ mod tests {
         ]);
         table.row(["a|b".into(), "1e-4".into(), "2e-4".into()]);
         let expected = "| method | error (rms) | max |\n|---|--:|--:|\n| a\\|b | 1e-4 | 2e-4 |\n";
-        assert_eq!(table.to_markdown(), expected);
+        assert_eq!(table.into_content().to_markdown(), expected);
     }
 
     #[test]

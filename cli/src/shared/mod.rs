@@ -27,5 +27,6 @@ pub mod points;
 pub mod polycubes;
 pub mod progress;
 pub mod remeshing;
+pub mod report_page;
 pub mod sequence_page;
 pub mod stored_paths;

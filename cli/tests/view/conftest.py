@@ -61,6 +61,15 @@ def boundary(maps):
 
 
 @pytest.fixture(scope="session")
+def unfolded(tmp_path_factory):
+    """The page of a ring that is laid out in a parallelogram."""
+    folder = tmp_path_factory.mktemp("unfolded")
+    shapes.write_obj(folder / "ring.obj", *shapes.ring(2, 0.8, 36, 18))
+    solidmap(folder, "boundary", "unfold", "ring.obj", "--html", "ring.html")
+    return folder / "ring.html"
+
+
+@pytest.fixture(scope="session")
 def block(tmp_path_factory):
     """The page of a block of 8 × 8 × 8 hexahedra, and what `check` says of it."""
     folder = tmp_path_factory.mktemp("meshes")

@@ -27,6 +27,23 @@ def ball(subdivisions):
     return vertices, triangles
 
 
+def ring(large, small, around, across):
+    """Vertices and triangles of a torus about the z axis, facing outward."""
+    vertices = []
+    for j in range(across):
+        for i in range(around):
+            u, v = 2 * math.pi * i / around, 2 * math.pi * j / across
+            distance = large + small * math.cos(v)
+            vertices.append((distance * math.cos(u), distance * math.sin(u), small * math.sin(v)))
+    triangles = []
+    for j in range(across):
+        for i in range(around):
+            a, b = i + around * j, (i + 1) % around + around * j
+            c, d = ((vertex + around) % (around * across) for vertex in (a, b))
+            triangles += [(a, b, d), (a, d, c)]
+    return vertices, triangles
+
+
 def write_obj(path, vertices, triangles):
     lines = [f"v {x:.17g} {y:.17g} {z:.17g}" for x, y, z in vertices]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles]

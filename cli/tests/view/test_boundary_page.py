@@ -61,3 +61,50 @@ def test_inverted_images_have_a_colour_of_their_own(boundary, maps, opened):
 def test_the_keyboard_reaches_every_control(boundary, opened):
     wanted, reached = opened(boundary).focusable()
     assert wanted >= 6 and reached == wanted
+
+
+def test_a_surface_and_its_layout_are_seen_with_a_table(unfolded, opened):
+    page = opened(unfolded)
+    assert page.said == []
+    assert page.page.locator(".view figcaption").all_inner_texts() == ["Surface", "Layout"]
+    for view in (0, 1):
+        seen = page.pixels(view)
+        assert 0.1 < seen["covered"] / seen["all"] < 0.9 and seen["colours"] > 200
+    numbers_of_layout = page.page.locator("table").first.inner_text()
+    for name in ("genus", "sides", "vertices of the layout", "99 %"):
+        assert name in numbers_of_layout, name
+    assert page.wrong_pixels(1) == 0
+
+
+def test_a_layout_is_seen_from_above_however_the_surface_is_turned(unfolded, opened):
+    page = opened(unfolded)
+    before = page.hashes()
+    page.page.locator(".view canvas").first.focus()
+    for _ in range(5):
+        page.page.keyboard.press("ArrowLeft")
+    after = page.hashes()
+    assert after[0] != before[0] and after[1] == before[1]
+    # All the way back, it is the surface, as it is turned.
+    page.set("move", 0)
+    surface, layout = page.hashes()
+    assert surface == layout == after[0]
+
+
+def test_the_pointer_in_a_layout_shows_the_place_on_the_surface(unfolded, opened):
+    page = opened(unfolded)
+    page.page.keyboard.press("Tab")
+    page.page.keyboard.press("ArrowUp")
+    page.settle()
+    wanted, (x, y) = page.page.evaluate(
+        """() => {
+            const { centre, radius } = solidmapPage.data.target;
+            const point = [0.05, -0.1, 0];
+            return [point.map((c, k) => centre[k] + radius * c), solidmapPage.stage.project(1, point)];
+        }"""
+    )
+    page.page.mouse.move(x, y)
+    page.page.wait_for_selector(".readout dt")
+    layout, point = (numbers(page.readout()[name]) for name in ("layout", "point"))
+    assert layout == pytest.approx(wanted, abs=0.01)
+    distance = math.hypot(math.hypot(*point[:2]) - 2, point[2])
+    assert distance == pytest.approx(0.8, abs=0.03)

@@ -57,7 +57,7 @@ def test_the_page_says_nothing_loads_nothing_and_shows_every_usable_frame(sequen
     files = page.page.locator(".about table").last.inner_text()
     assert all(name in files for name in ("ball.obj", "bend03.obj", "energy.csv", "surface.pvd"))
     page.page.get_by_text("All frames", exact=True).click()
-    rows = page.page.locator("details.study tbody tr")
+    rows = page.page.locator("details tbody tr")
     assert rows.count() == FRAMES
     assert rows.nth(7).locator("td").count() == 2
 

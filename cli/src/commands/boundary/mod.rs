@@ -7,6 +7,7 @@ mod pictures;
 pub mod sphere;
 mod torus;
 mod unfold;
+mod unfold_page;
 mod write;
 
 use crate::CommandOutcome;

@@ -6,17 +6,18 @@ use std::time::Instant;
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::Point;
-use solidmap::boundary_map::{FundamentalDomain, SurfaceDistortion, fundamental_domain};
+use solidmap::boundary_map::{SurfaceDistortion, fundamental_domain};
 use solidmap::io;
-use solidmap::mesh::SurfaceMesh;
 
 use super::pictures;
+use super::unfold_page::UnfoldPage;
 use crate::CommandOutcome;
 use crate::args::BoundaryUnfoldArgs;
 use crate::drawing::significant;
 use crate::shared::input;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, two_columns, write_file, written_row};
+use crate::shared::page;
 
 /// What `boundary unfold --json` prints.
 #[derive(Serialize)]
@@ -26,6 +27,7 @@ struct UnfoldSummary {
     faces: usize,
     layout: Option<FileName>,
     png: Option<FileName>,
+    page: Option<FileName>,
     genus: u64,
     /// Sides of the polygon.
     sides: usize,
@@ -41,9 +43,10 @@ struct UnfoldSummary {
 /// Lays out, measures and writes.
 pub fn run(args: &BoundaryUnfoldArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let start = Instant::now();
-    let outputs: [(Option<&PathBuf>, &[&str]); 2] = [
+    let outputs: [(Option<&PathBuf>, &[&str]); 3] = [
         (args.output.as_ref(), &["obj", "ply", "off"]),
         (args.png.as_ref(), &["png"]),
+        (args.html.as_ref(), &page::EXTENSIONS),
     ];
     let inputs: [&Path; 1] = [&args.model];
     input::require_all_writable(&outputs, &inputs)?;
@@ -52,7 +55,13 @@ pub fn run(args: &BoundaryUnfoldArgs, output: &Output) -> anyhow::Result<Command
     output.progress("laying out");
     let domain = fundamental_domain(&surface).with_context(|| format!("cannot unfold `{}`", args.model.display()))?;
     let (layout, origins) = domain.mesh();
-    let [angle_p50, angle_p99] = angles(&domain, &layout, &origins).context("the model has no area")?;
+    let points = domain.surface.vertices();
+    let cut: Vec<Point> = origins.iter().map(|&vertex| points[vertex as usize]).collect();
+    let cut = layout
+        .with_vertices(cut)
+        .context("a vertex of the layout has no origin")?;
+    let distortion = SurfaceDistortion::of(&cut, layout.vertices()).context("the model has no area")?;
+    let [angle_p50, angle_p99] = [distortion.angle.p50, distortion.angle.p99];
     output.progress("writing");
     if let Some(path) = &args.output {
         io::write_surface(path, &layout)?;
@@ -60,12 +69,24 @@ pub fn run(args: &BoundaryUnfoldArgs, output: &Output) -> anyhow::Result<Command
     if let Some(path) = &args.png {
         write_file(path, &pictures::unfolded(&domain, args.up)?.to_png()?)?;
     }
+    if let Some(path) = &args.html {
+        let made = UnfoldPage {
+            path: &args.model,
+            domain: &domain,
+            cut: &cut,
+            layout: &layout,
+            angles: [angle_p50, angle_p99],
+            up: args.up,
+        };
+        page::write(path, &made.html(&args.page)?)?;
+    }
     let report = UnfoldSummary {
         model: (&args.model).into(),
         vertices: domain.surface.vertices().len(),
         faces: domain.surface.triangles().len(),
         layout: file_name(args.output.as_ref()),
         png: file_name(args.png.as_ref()),
+        page: file_name(args.html.as_ref()),
         genus: domain.genus,
         sides: domain.sides.len(),
         layout_vertices: layout.vertices().len(),
@@ -75,15 +96,6 @@ pub fn run(args: &BoundaryUnfoldArgs, output: &Output) -> anyhow::Result<Command
     };
     output.result(&report, || summary(&report))?;
     Ok(CommandOutcome::Done)
-}
-
-/// How the layout distorts angles.
-fn angles(domain: &FundamentalDomain, layout: &SurfaceMesh, origins: &[u32]) -> Option<[f64; 2]> {
-    let points = domain.surface.vertices();
-    let cut: Vec<Point> = origins.iter().map(|&v| points[v as usize]).collect();
-    let cut = layout.with_vertices(cut)?;
-    let found = SurfaceDistortion::of(&cut, layout.vertices())?;
-    Some([found.angle.p50, found.angle.p99])
 }
 
 fn summary(report: &UnfoldSummary) -> String {
@@ -109,6 +121,6 @@ fn summary(report: &UnfoldSummary) -> String {
             ),
         ],
         ["time".into(), format!("{:.1} s", report.seconds)],
-        written_row([report.layout.as_ref(), report.png.as_ref()]),
+        written_row([report.layout.as_ref(), report.png.as_ref(), report.page.as_ref()]),
     ])
 }

@@ -38,8 +38,9 @@ pub fn text(comparison: &Comparison) -> String {
     let mut text = String::new();
     for part in parts(comparison) {
         let _ = match part {
+            Part::Title(_) => Ok(()),
             Part::Words(words) => writeln!(text, "{}\n", wrapped(&words)),
-            Part::Table(table, _) => writeln!(text, "{table}"),
+            Part::Table(table) => writeln!(text, "{table}"),
         };
     }
     text
@@ -74,8 +75,9 @@ fn markdown(comparison: &Comparison) -> String {
     let mut text = String::new();
     for part in parts(comparison) {
         let _ = match part {
+            Part::Title(_) => Ok(()),
             Part::Words(words) => writeln!(text, "{words}\n"),
-            Part::Table(_, markdown) => writeln!(text, "{markdown}"),
+            Part::Table(table) => writeln!(text, "{}", table.to_markdown()),
         };
     }
     text

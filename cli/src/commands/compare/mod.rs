@@ -3,6 +3,7 @@
 mod export;
 mod job;
 mod metrics;
+mod page;
 mod pictures;
 mod process;
 mod runner;
@@ -24,7 +25,7 @@ use crate::shared::input;
 use crate::shared::interrupt;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::made_folder::MadeFolder;
-use crate::shared::output::{Output, describe};
+use crate::shared::output::{Output, describe, write_file};
 use job::{Figures, MethodRow, SequenceFigures};
 use runner::{Runner, methods_of};
 
@@ -142,24 +143,19 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
         export::write(folder, &comparison)?;
     }
     output.result(&comparison, || export::text(&comparison))?;
-    let remarks = comparison
-        .methods
-        .iter()
-        .filter_map(|row| Some((&row.name, row.figures.as_ref()?)));
-    for (name, figures) in remarks {
-        figures
-            .remarks
-            .iter()
-            .for_each(|remark| output.warn(format!("{name}: {remark}")));
-    }
-    if comparison.is_reference_poor() {
-        output.warn("the boundary error of the reference is larger than that of mfs; differences to it mean little");
-    }
+    let notes = comparison.notes();
+    notes.iter().for_each(|note| output.warn(note));
     if let (Some(folder), Some(section)) = (&args.out, &section) {
-        let path = folder.join("comparison.png");
-        if pictures::write(&path, section, &runner, &comparison)? {
-            output.note(format!("Look at {}", path.display()));
+        let picture = pictures::draw(section, &runner, &comparison)?;
+        if let Some(picture) = &picture {
+            write_file(folder.join("comparison.png"), &picture.png)?;
         }
+        let path = folder.join("comparison.html");
+        write_file(
+            &path,
+            page::html(&runner, &comparison, picture.as_ref(), notes)?.as_bytes(),
+        )?;
+        output.note(format!("Look at {}", path.display()));
     }
     Ok(CommandOutcome::from_check(comparison.has_all(args)))
 }
@@ -193,7 +189,7 @@ fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> 
 
 /// Removes the results of an earlier comparison, so that its maps do not stand among the new ones.
 fn clear(folder: &Path) -> anyhow::Result<()> {
-    let tables = ["txt", "md", "csv", "json", "png"].map(|extension| format!("comparison.{extension}"));
+    let tables = ["txt", "md", "csv", "json", "png", "html"].map(|extension| format!("comparison.{extension}"));
     let maps = ComparedMethod::ALL.map(|method| method.name());
     let maps = maps.iter().flat_map(|name| {
         [
@@ -269,6 +265,23 @@ impl Comparison {
             && (self.reference.is_some() || args.measure.no_reference)
             && (!self.equal_accuracy.is_empty() || !args.equal_accuracy)
             && frames.all(|row| row.figures.as_ref().is_some_and(|f| f.skipped.is_empty()))
+    }
+
+    /// What readers of the tables must know: remarks on the maps, and a reference that is no better than they are.
+    fn notes(&self) -> Vec<String> {
+        let found = self
+            .methods
+            .iter()
+            .filter_map(|row| Some((&row.name, row.figures.as_ref()?)));
+        let mut notes: Vec<String> = found
+            .flat_map(|(name, figures)| figures.remarks.iter().map(move |remark| format!("{name}: {remark}")))
+            .collect();
+        if self.is_reference_poor() {
+            notes.push(
+                "the boundary error of the reference is larger than that of mfs; differences to it mean little".into(),
+            );
+        }
+        notes
     }
 
     /// Whether the boundary error of the reference is larger than that of mfs.

@@ -11,7 +11,6 @@ use solidmap::io;
 use super::Comparison;
 use super::job::{SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS, SectionView};
 use super::runner::Runner;
-use crate::shared::output::write_file;
 use crate::shared::pictures::panels_with_one_bar;
 
 /// The cross-section of the domain that all maps are shown on.
@@ -29,9 +28,21 @@ pub fn section(view: SectionView, boundary: &BoundaryMap) -> anyhow::Result<Plan
     )?)
 }
 
-/// The harmonic energy density of every map on the section, and its distance to the reference. `false` when there is
+/// The picture of a comparison.
+pub struct ComparisonPicture {
+    /// The bytes of a PNG file.
+    pub png: Vec<u8>,
+    /// The same in words.
+    pub alternative: String,
+}
+
+/// The harmonic energy density of every map on the section, and its distance to the reference. `None` when there is
 /// nothing to show.
-pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &Comparison) -> anyhow::Result<bool> {
+pub fn draw(
+    section: &PlaneSection,
+    runner: &Runner,
+    comparison: &Comparison,
+) -> anyhow::Result<Option<ComparisonPicture>> {
     let mut densities = Vec::new();
     let mut distances = Vec::new();
     let reference = read_points(&runner.reference_files()[1], section);
@@ -49,7 +60,7 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
         }
     }
     if densities.is_empty() {
-        return Ok(false);
+        return Ok(None);
     }
     let asked = &runner.args.measure.section;
     let most = ValueRange::Quantiles(0.0, 0.99);
@@ -60,7 +71,13 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
         most,
         Scale::Linear,
     )?];
+    let names: Vec<&str> = densities.iter().map(|(name, _)| name.as_str()).collect();
+    let mut alternative = format!(
+        "Harmonic energy densities of the maps by {} on one cross-section, in one colour scale",
+        names.join(", ")
+    );
     if !distances.is_empty() {
+        alternative += ", and the distances of their images from those of the reference";
         let range = ValueRange::Fixed(1e-6, 1e-2);
         rows.push(panels_with_one_bar(
             (section, asked),
@@ -71,8 +88,8 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
         )?);
     }
     let png = Figure::grid(rows).titled("One boundary map, every method").to_png()?;
-    write_file(path, &png)?;
-    Ok(true)
+    alternative += "; the tables below have the numbers";
+    Ok(Some(ComparisonPicture { png, alternative }))
 }
 
 fn read_points(path: &Path, section: &PlaneSection) -> Option<Vec<Point>> {

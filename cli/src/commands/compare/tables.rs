@@ -5,34 +5,42 @@ use std::fmt::Write;
 use super::job::{Figures, MethodRow};
 use super::verdict::verdict;
 use super::{Comparison, SequenceRow, Step, Study, StudyRun};
-use crate::drawing::{Align, Table, significant};
+use crate::drawing::{Align, Table, TableContent, significant};
 use crate::shared::output::mebibytes;
 
 /// A piece of the text.
 pub enum Part {
+    /// The heading of what follows, on the page alone: text and Markdown go without.
+    Title(&'static str),
     Words(String),
-    /// As text and as Markdown.
-    Table(String, String),
+    Table(TableContent),
 }
 
 fn table<const N: usize>(columns: [(&str, &str, Align); N], rows: Vec<[String; N]>) -> Part {
     let mut table = Table::new(columns);
     rows.into_iter().for_each(|row| table.row(row));
-    Part::Table(table.to_string(), table.to_markdown())
+    Part::Table(table.into_content())
 }
 
 /// The text and tables of a comparison, in order.
 pub fn parts(comparison: &Comparison) -> Vec<Part> {
     let rows = &comparison.methods;
     let mut parts = vec![
+        Part::Title("Time and memory"),
         cost(rows),
+        Part::Title("Errors and energies"),
         accuracy(rows),
+        Part::Title("Folds and distortion"),
         quality(rows),
+        Part::Title("What the numbers are"),
         Part::Words(notes(comparison)),
     ];
     let errors = rows.iter().map(|row| (row.name.clone(), &row.error));
-    parts.extend(failures(errors));
+    if let Some(failures) = failures(errors) {
+        parts.extend([Part::Title("Without a map"), failures]);
+    }
     if !comparison.equal_accuracy.is_empty() {
+        parts.push(Part::Title("Equal accuracy"));
         parts.push(Part::Words(verdict(&comparison.equal_accuracy)));
         parts.push(refinement(&comparison.equal_accuracy));
         let steps = comparison.equal_accuracy.iter();
@@ -41,6 +49,7 @@ pub fn parts(comparison: &Comparison) -> Vec<Part> {
         ));
     }
     if !comparison.mesh_study.is_empty() {
+        parts.push(Part::Title("Other meshes and source distances"));
         parts.push(Part::Words(
             "How far maps depend on meshes and source distances: distances inside from the mean of all maps of a \
              method, as fractions of the target's diagonal. The maps of variational differ also by where its descent \
@@ -55,6 +64,7 @@ pub fn parts(comparison: &Comparison) -> Vec<Part> {
         parts.extend(failures(runs));
     }
     if !comparison.sequence.is_empty() {
+        parts.push(Part::Title("A sequence"));
         parts.push(Part::Words(
             "A sequence. Together: mfs and fem solve all frames in a block, variational starts each from the frame \
              before. Setup: meshing, placing sources, factoring. The seconds of mfs include measuring its boundary \

@@ -31,6 +31,7 @@ use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, wri
 use crate::shared::page;
 use crate::shared::pictures::{largest_section, panels_with_one_bar};
 use crate::shared::places::percent;
+use crate::shared::report_page::ReportPicture;
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 420;
@@ -175,9 +176,11 @@ pub fn run(args: &StudyBoundaryArgs, output: &Output) -> anyhow::Result<CommandO
             }
             let page = StudyPage {
                 title,
-                picture: &png,
-                alternative: "Harmonic and deformation energy densities of all maps on one cross-section, in one colour scale \
-                              for each; the table below has the totals",
+                picture: ReportPicture {
+                    png: &png,
+                    alternative: "Harmonic and deformation energy densities of all maps on one cross-section, in one colour \
+                                  scale for each; the table below has the totals",
+                },
                 files,
                 notes: vec![],
             };

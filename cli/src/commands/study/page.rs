@@ -1,50 +1,18 @@
 //! The page of a study: its picture, and a table of all rows with units and explanations.
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use serde::Serialize;
 use solidmap::files::Provenance;
 
 use super::measured::{Measured, QUANTITIES, Quantity};
 use super::results::Row;
-use crate::drawing::significant;
-use crate::shared::page::Page;
-
-/// What the scripts of the page read.
-#[derive(Serialize)]
-struct StudyContent {
-    kind: &'static str,
-    /// An address that holds the picture itself.
-    picture: String,
-    alternative: &'static str,
-    /// Names of the columns of the settings.
-    varied: Vec<String>,
-    quantities: Vec<Explained>,
-    rows: Vec<PageRow>,
-}
-
-#[derive(Serialize)]
-struct Explained {
-    name: &'static str,
-    unit: &'static str,
-    meaning: &'static str,
-}
-
-#[derive(Serialize)]
-struct PageRow {
-    varied: Vec<String>,
-    values: Vec<String>,
-    error: Option<String>,
-}
+use crate::drawing::{Align, Table, TableColumn, TableContent, significant};
+use crate::shared::report_page::{ReportPage, ReportPart, ReportPicture, ReportTable};
 
 /// A study to make a page of.
 pub struct StudyPage<'a> {
     /// The title.
     pub title: String,
-    /// The picture, as the bytes of a PNG file.
-    pub picture: &'a [u8],
-    /// The same in words.
-    pub alternative: &'static str,
+    /// The picture.
+    pub picture: ReportPicture<'a>,
     /// The files that the maps come from.
     pub files: Vec<Provenance>,
     /// What readers must know.
@@ -64,40 +32,62 @@ impl StudyPage<'_> {
             found.any(|measured| (quantity.of)(measured).is_some())
         };
         let quantities: Vec<&Quantity> = QUANTITIES.iter().filter(has).collect();
-        let values = |measured: &Measured| {
-            let shown =
-                |quantity: &&Quantity| (quantity.of)(measured).map_or("–".into(), |value| significant(value, 4));
-            quantities.iter().map(shown).collect()
-        };
-        let content = StudyContent {
-            kind: "study",
-            picture: format!("data:image/png;base64,{}", STANDARD.encode(self.picture)),
-            alternative: self.alternative,
-            varied: varied.iter().map(|name| name.replace('_', "-")).collect(),
-            rows: rows
-                .iter()
-                .map(|(cells, row)| PageRow {
-                    varied: cells.clone(),
-                    values: row.found.as_ref().map(values).unwrap_or_default(),
-                    error: row.error.clone(),
-                })
-                .collect(),
-            quantities: quantities
-                .iter()
-                .map(|quantity| Explained {
-                    name: quantity.name,
-                    unit: quantity.unit,
-                    meaning: quantity.meaning,
-                })
-                .collect(),
-        };
-        let page = Page {
+        let page = ReportPage {
             title: self.title,
+            picture: Some(self.picture),
+            parts: vec![
+                ReportPart::Title("All rows".into()),
+                ReportPart::Table(all_rows(varied, &quantities, rows)),
+                ReportPart::Title("What the columns mean".into()),
+                ReportPart::Table(meanings(&quantities)),
+            ],
             files: self.files,
             notes: self.notes,
-            tables: vec![],
-            arrays: vec![],
         };
-        Ok(page.html(&content)?)
+        page.html()
+    }
+}
+
+fn all_rows<S>(varied: &[&str], quantities: &[&Quantity], rows: Vec<(Vec<String>, &Row<S>)>) -> ReportTable {
+    let values = |measured: &Measured| -> Vec<String> {
+        let shown = |quantity: &&Quantity| (quantity.of)(measured).map_or("–".into(), |value| significant(value, 4));
+        quantities.iter().map(shown).collect()
+    };
+    let of_settings = varied.iter().map(|name| TableColumn {
+        head: name.replace('_', "-"),
+        unit: String::new(),
+        align: Align::Left,
+    });
+    let of_quantities = quantities.iter().map(|quantity| TableColumn {
+        head: quantity.name.into(),
+        unit: quantity.unit.into(),
+        align: Align::Right,
+    });
+    let line = |(mut cells, row): (Vec<String>, &Row<S>)| {
+        cells.extend(row.found.as_ref().map(values).unwrap_or_default());
+        cells.extend(row.error.clone());
+        cells
+    };
+    ReportTable {
+        content: TableContent {
+            columns: of_settings.chain(of_quantities).collect(),
+            rows: rows.into_iter().map(line).collect(),
+        },
+        named: varied.len(),
+        meanings: std::iter::repeat_n("", varied.len())
+            .chain(quantities.iter().map(|quantity| quantity.meaning))
+            .collect(),
+    }
+}
+
+fn meanings(quantities: &[&Quantity]) -> ReportTable {
+    let mut table = Table::new(["column", "unit", "meaning"].map(|name| (name, "", Align::Left)));
+    for quantity in quantities {
+        table.row([quantity.name, quantity.unit, quantity.meaning].map(String::from));
+    }
+    ReportTable {
+        content: table.into_content(),
+        named: 1,
+        meanings: vec![],
     }
 }

@@ -24,6 +24,7 @@ use crate::args::{
 use crate::shared::input::{self, BoundarySource};
 use crate::shared::output::{Output, write_file};
 use crate::shared::page;
+use crate::shared::report_page::ReportPicture;
 
 /// Most points that energies are integrated with: where a map is wild between its sources, they are not worth minutes.
 const MOST_POINTS: usize = 100_000;
@@ -124,8 +125,10 @@ impl Sweep<'_> {
             if let Some(path) = &self.outputs.html {
                 let page = StudyPage {
                     title: title.clone(),
-                    picture: &png,
-                    alternative: charts::in_words(self.kind),
+                    picture: ReportPicture {
+                        png: &png,
+                        alternative: charts::in_words(self.kind),
+                    },
                     files,
                     notes: self.notes(&boundary),
                 };

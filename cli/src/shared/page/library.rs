@@ -106,8 +106,8 @@ pub const MODULES: [Module; 22] = [
         text: include_str!("assets/sequence.js"),
     },
     Module {
-        name: "page/study",
-        text: include_str!("assets/study.js"),
+        name: "page/report",
+        text: include_str!("assets/report.js"),
     },
     Module {
         name: "page/texture",

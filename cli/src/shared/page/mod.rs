@@ -1,4 +1,5 @@
-//! Pages to look into maps, meshes, sequences and studies: one file with all data and scripts in it, which a browser opens from the disk.
+//! Pages to look into maps, meshes, sequences, studies and comparisons: one file with all data and scripts in it, which a
+//! browser opens from the disk.
 //!
 //! three.js draws. It, the page's own modules and all arrays are deflated and written as base64 into elements of the page;
 //! [`library::START`] unpacks them with the browser's own `DecompressionStream`, and gives the modules addresses of their

@@ -1,7 +1,9 @@
 // The page of a boundary map: the domain's surface and its image, with one pattern, or coloured by how far triangles are
-// distorted.
+// distorted. An image in the plane z = 0 is seen from above.
 
-import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, ShaderMaterial, SphereGeometry, Vector3 } from 'three';
+import {
+  BufferAttribute, BufferGeometry, DoubleSide, LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial, ShaderMaterial, SphereGeometry, Vector3,
+} from 'three';
 import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
 import { button, choice, element, group, list, remark, significant, slider } from 'page/elements';
 import { CHECKER_CODE } from 'page/map-shaders';
@@ -54,8 +56,9 @@ class BoundaryPage {
     Object.assign(this, { data, arrays });
     this.fields = new Map(data.fields.map((field) => [field.key, field]));
     this.picked = new Morphed(arrays.domain, arrays.image, arrays.triangles);
-    this.stage = new Stage(['Domain', 'Image'], data.up);
-    this.stage.show(arrays.domain, arrays.image);
+    [this.domainName, this.imageName] = data.names;
+    this.stage = new Stage(data.names.map(capitalised), data.up);
+    this.stage.show(arrays.domain, data.flat ? turned(arrays.image, this.stage.camera.quaternion) : arrays.image);
     this.state = { colour: 'coloured', amount: 1 };
     this.stale = true;
     this.#build();
@@ -112,6 +115,17 @@ class BoundaryPage {
       }
       return { marker, uniforms };
     });
+    if (this.data.flat) this.outline = this.#outline();
+  }
+
+  /** Lines over the image. They lie in its triangles, so that they are not hidden by these. */
+  #outline() {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(this.arrays.outline, 3));
+    const outline = new LineSegments(geometry, new LineBasicMaterial({ color: 0x141414, depthTest: false }));
+    outline.frustumCulled = false;
+    this.stage.views[1].scene.add(outline);
+    return outline;
   }
 
   #controls() {
@@ -126,7 +140,10 @@ class BoundaryPage {
     this.scale = element('div');
     const morph = slider('move', {
       value: 1, step: 0.01,
-      shown: (value) => (value === 1 ? 'at the image' : value === 0 ? 'at the domain' : `${Math.round(100 * value)} % of the way`),
+      shown: (value) => {
+        if (value === 1) return `at the ${this.imageName}`;
+        return value === 0 ? `at the ${this.domainName}` : `${Math.round(100 * value)} % of the way`;
+      },
     }, (amount) => {
       state.amount = amount;
       this.stage.draw();
@@ -134,8 +151,9 @@ class BoundaryPage {
     this.#legend();
     return element('div', { class: 'controls' },
       group('Colour', colours.element, this.scale),
-      group('Image', morph.element,
-        remark('Points move to their images along straight lines, with both surfaces scaled to one size.')),
+      group(capitalised(this.imageName), morph.element,
+        remark('Points move to their images along straight lines, with both surfaces scaled to one size.'),
+        data.flat ? remark(`The ${this.imageName} is seen from above, however the ${this.domainName} is turned.`) : undefined),
       element('div', { class: 'row' },
         button('Save picture', () => this.stage.save('solidmap.png')),
         button('First view', () => this.stage.home())));
@@ -144,7 +162,7 @@ class BoundaryPage {
   #legend() {
     const field = this.fields.get(this.state.colour);
     if (!field) {
-      const words = `The same pattern on both: cubes of the domain’s box, and where they go.${this.#wrongWords()}`;
+      const words = `The same pattern on both: cubes of the ${this.domainName}’s box, and where they go.${this.#wrongWords()}`;
       this.scale.replaceChildren(element('p', { class: 'legend' }, words));
       return;
     }
@@ -159,8 +177,15 @@ class BoundaryPage {
 
   #update() {
     const { state, shared } = this;
+    const { text, scene } = this.stage.views[1];
     this.views[1].uniforms.amount.value = state.amount;
-    this.stage.views[1].text.textContent = state.amount === 1 ? 'Image' : `${Math.round(100 * state.amount)} % of the way to the image`;
+    text.textContent = state.amount === 1
+      ? capitalised(this.imageName) : `${Math.round(100 * state.amount)} % of the way to the ${this.imageName}`;
+    if (this.outline) {
+      // The plane faces the camera; on the way to it, triangles turn as they move.
+      scene.quaternion.identity().slerp(this.stage.camera.quaternion, state.amount);
+      this.outline.visible = state.amount === 1;
+    }
     if (!this.stale) return;
     this.stale = false;
     const field = this.fields.get(state.colour);
@@ -184,7 +209,7 @@ class BoundaryPage {
       const { domain, target, fields } = this.data;
       const shown = (point, { centre, radius }) => `(${point.map((x, k) => significant(centre[k] + radius * x, 7)).join(', ')})`;
       const image = this.picked.weighted(this.arrays.image, hit);
-      const entries = [['point', shown(hit.point, domain)], ['image', shown(image, target)], ['triangle (from 0)', String(hit.triangle)]];
+      const entries = [['point', shown(hit.point, domain)], [this.imageName, shown(image, target)], ['triangle (from 0)', String(hit.triangle)]];
       for (const { key, label } of fields) entries.push([label, significant(this.arrays[`field-${key}`][hit.triangle], 5)]);
       this.readout.replaceChildren(list(entries));
       const { amount } = this.state;
@@ -195,4 +220,16 @@ class BoundaryPage {
     }
     this.stage.draw();
   }
+}
+
+function capitalised(name) {
+  return name[0].toUpperCase() + name.slice(1);
+}
+
+/** Points turned about the origin. */
+function turned(points, quaternion) {
+  const found = new Float32Array(points.length);
+  const point = new Vector3();
+  for (let k = 0; k < points.length; k += 3) point.fromArray(points, k).applyQuaternion(quaternion).toArray(found, k);
+  return found;
 }

@@ -115,6 +115,42 @@ function numberTable({ title, rows }) {
   ];
 }
 
+/**
+ * A table of any columns. One without a head belongs to the one before. In each row the first `named` entries say what it is
+ * about, and where there are fewer than columns the last fills the rest.
+ */
+export function dataTable({ columns, rows, named, meanings = [] }) {
+  const kind = (column) => (column?.align === 'right' ? 'number' : undefined);
+  const lines = rows.map((entries) => element('tr', {}, ...entries.map((entry, k) => {
+    if (k < named) return element('th', { scope: 'row' }, entry);
+    const left = columns.length - k;
+    const fills = k + 1 === entries.length && left > 1;
+    return element('td', fills ? { colspan: left } : { class: kind(columns[k]) }, entry);
+  })));
+  const isGrouped = columns.some(({ head }) => !head);
+  // How many columns are below the head of each.
+  const spans = columns.map((_, k) => {
+    const end = columns.findIndex(({ head }, n) => n > k && head);
+    return (end < 0 ? columns.length : end) - k;
+  });
+  const isAlone = ({ head, unit }, k) => head && !unit && spans[k] === 1;
+  const first = columns.map((column, k) => {
+    const { head, unit } = column;
+    if (!head) return undefined;
+    const shape = spans[k] > 1 ? { scope: 'colgroup', colspan: spans[k] } : { scope: 'col', class: kind(column) };
+    const inBrackets = unit && !isGrouped ? element('span', { class: 'unit' }, ` (${unit})`) : undefined;
+    return element('th', { ...shape, rowspan: isGrouped && isAlone(column, k) && 2, title: meanings[k] || undefined }, head, inBrackets);
+  });
+  const second = columns.map((column, k) => {
+    if (isAlone(column, k)) return undefined;
+    return column.unit ? element('th', { scope: 'col', class: kind(column) }, column.unit) : element('td');
+  });
+  const heads = isGrouped ? [first, second] : [first];
+  return element('div', { class: 'scroll data' }, element('table', {},
+    element('thead', {}, ...heads.map((entries) => element('tr', {}, ...entries))),
+    element('tbody', {}, ...lines)));
+}
+
 /** A number as people read it: with a number of significant digits, and powers of ten where it is very large or small. */
 export function significant(value, digits = 4) {
   if (!Number.isFinite(value)) return String(value);

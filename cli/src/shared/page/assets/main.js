@@ -5,13 +5,13 @@ import { about } from 'page/elements';
 import { showBoundary } from 'page/boundary';
 import { showMap } from 'page/map';
 import { showMesh } from 'page/mesh';
+import { showReport } from 'page/report';
 import { showSequence } from 'page/sequence';
-import { showStudy } from 'page/study';
 import { showTexture } from 'page/texture';
 
-const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh, sequence: showSequence, study: showStudy, texture: showTexture };
+const KINDS = { boundary: showBoundary, map: showMap, mesh: showMesh, report: showReport, sequence: showSequence, texture: showTexture };
 /** What is shown without WebGL. */
-const FLAT = ['study'];
+const FLAT = ['report'];
 
 /** Shows the page. */
 export async function start(data, unpack, say) {

@@ -3,7 +3,7 @@
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, ShaderMaterial, SphereGeometry } from 'three';
 import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
 import { Curve } from 'page/curve';
-import { button, choice, element, group, list, remark, significant, slider, tick } from 'page/elements';
+import { button, choice, dataTable, element, group, list, remark, significant, slider, tick } from 'page/elements';
 import { Morphed } from 'page/pick';
 import { Stage } from 'page/stage';
 
@@ -176,18 +176,16 @@ class SequencePage {
   /** All rows, folded up: there may be many. */
   #table() {
     const { rows, curves, across } = this.data;
-    const heads = ['frame', ...(across === 'time' ? ['time'] : []), 'file', ...curves.map(({ label }) => label)];
-    const lines = rows.map(({ frame, time, file, skipped }, row) => element('tr', {},
-      element('th', { scope: 'row' }, String(frame)),
-      ...(across === 'time' ? [element('td', { class: 'number' }, significant(time, 6))] : []),
-      element('td', {}, file),
-      ...(skipped
-        ? [element('td', { colspan: curves.length }, skipped)]
-        : curves.map(({ values }) => element('td', { class: 'number' }, values[row] === null ? '–' : significant(values[row]))))));
-    return element('details', { class: 'study' }, element('summary', {}, 'All frames'),
-      element('div', { class: 'scroll' }, element('table', {},
-        element('thead', {}, element('tr', {}, ...heads.map((head) => element('th', { scope: 'col' }, head)))),
-        element('tbody', {}, ...lines))));
+    const isTimed = across === 'time';
+    const column = (align) => (head) => ({ head, unit: '', align });
+    const words = column('left');
+    const numbers = column('right');
+    const lines = rows.map(({ frame, time, file, skipped }, row) => {
+      const values = curves.map((curve) => (curve.values[row] === null ? '–' : significant(curve.values[row])));
+      return [String(frame), ...(isTimed ? [significant(time, 6)] : []), file, ...(skipped ? [skipped] : values)];
+    });
+    const columns = [words('frame'), ...(isTimed ? [numbers('time')] : []), words('file'), ...curves.map(({ label }) => numbers(label))];
+    return element('details', {}, element('summary', {}, 'All frames'), dataTable({ columns, rows: lines, named: 1 }));
   }
 
   /** Goes to a frame. */

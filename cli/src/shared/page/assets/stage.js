@@ -140,9 +140,12 @@ export class Stage {
     for (const { renderer, scene } of this.views) renderer.render(scene, this.camera);
   }
 
-  /** Calls with a view's number and the ray under the pointer, at most once a frame; with nothing when the pointer leaves. */
+  /**
+   * Calls with a view's number and the ray under the pointer, as its scene is turned, at most once a frame; with nothing when
+   * the pointer leaves.
+   */
   onPointer(heard) {
-    this.views.forEach(({ canvas }, number) => {
+    this.views.forEach(({ canvas, scene }, number) => {
       let latest;
       canvas.addEventListener('pointermove', (event) => {
         if (event.buttons) return;
@@ -154,7 +157,7 @@ export class Stage {
             const caster = new Raycaster();
             caster.setFromCamera(new Vector2(x, y), this.camera);
             latest = undefined;
-            heard(number, caster.ray);
+            heard(number, caster.ray.applyMatrix4(scene.matrixWorld.clone().invert()));
           });
         }
         latest = event;
@@ -190,8 +193,9 @@ export class Stage {
 
   /** Where a point of a view is in its element, in pixels of the page. */
   project(number, point) {
-    const box = this.views[number].canvas.getBoundingClientRect();
-    const at = new Vector3(...point).project(this.camera);
+    const { canvas, scene } = this.views[number];
+    const box = canvas.getBoundingClientRect();
+    const at = new Vector3(...point).applyMatrix4(scene.matrixWorld).project(this.camera);
     return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
   }
 
