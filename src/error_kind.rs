@@ -29,6 +29,7 @@ use crate::io::IoError;
 use crate::kernel::KernelError;
 use crate::map::Cancelled;
 use crate::mesh::MeshError;
+use crate::model_polycube::ModelPolycubeError;
 use crate::polycube::{MakePolycubeError, VoxelPolycubeError};
 use crate::remesh::{GivenMeshError, PolycubeError, RemeshError};
 use crate::sequence::{CycleError, SequenceError};
@@ -354,16 +355,22 @@ classified! {
         | Self::MissingLabel(_)
         | Self::MirroredLabels => ErrorKind::InvalidInput,
     }
-    HexmeshError {
-        Self::Polycube(error) => error.error_kind(),
+    ModelPolycubeError {
+        Self::Deformation(error) => error.error_kind(),
         Self::Voxels(error) => error.error_kind(),
         Self::Pair(error) => error.error_kind(),
         Self::BoundaryMap(error) => error.error_kind(),
+        // The deformation is what is tried first.
+        Self::Neither { deformed, .. } => deformed.error_kind(),
+        Self::NoVolume => ErrorKind::InvalidInput,
+    }
+    HexmeshError {
+        Self::Polycube(error) => error.error_kind(),
         Self::Fit(error) => error.error_kind(),
         Self::Remesh(error) => error.error_kind(),
         // The deformed polycube is what is tried first.
         Self::Neither { deformed, .. } => deformed.error_kind(),
-        Self::MaxDistance(_) | Self::NoVolume => ErrorKind::InvalidInput,
+        Self::MaxDistance(_) => ErrorKind::InvalidInput,
     }
     ImproveError {
         Self::Fit(error) => error.error_kind(),
@@ -447,7 +454,7 @@ mod tests {
         assert_eq!(with_causes(&failed).matches("did not converge").count(), 1);
         let neither = HexmeshError::Neither {
             deformed: Box::new(MakePolycubeError::NoLabels.into()),
-            voxels: Box::new(HexmeshError::NoVolume),
+            voxels: Box::new(ModelPolycubeError::NoVolume.into()),
         };
         assert_eq!(neither.error_kind(), ErrorKind::Numerical);
     }

@@ -68,6 +68,7 @@ pub mod kernel;
 pub mod map;
 pub mod memory;
 pub mod mesh;
+pub mod model_polycube;
 mod partition;
 pub mod polycube;
 pub mod progress;

@@ -295,7 +295,15 @@ fn every_field_of_a_report_is_documented_and_written() {
         (
             "polycube",
             "polycube ball.vtu -o pc.obj --image pm.obj --tets pt.mesh --model-tets pn.mesh --lattice 0.3 \
-             --write-labels pl.txt --write-model-labels pm.txt",
+             --write-labels pl.txt --write-model-labels pm.txt --boundary pb.safetensors --png pc.png --html pc.html",
+        ),
+        (
+            "polycube",
+            "polycube ball.vtu -o pv.obj --image pw.obj --polycube voxels",
+        ),
+        (
+            "polycube",
+            "polycube ball.vtu -o ps.obj --image pr.obj --max-vertices 100",
         ),
         (
             "polycube",

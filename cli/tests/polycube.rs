@@ -182,6 +182,51 @@ fn voxels_are_a_polycube_too_and_a_mesh_that_misses_a_part_of_the_model_is_no_su
     }
 }
 
+/// Voxels, and simplified models, have a boundary map whose images lie on the model's own surface.
+#[test]
+fn polycubes_with_other_triangles_than_the_model_s_come_with_a_boundary_file() {
+    let place = bar();
+    let given = io::read_surface(place.path("bar.obj")).unwrap();
+    let on_model = solidmap::geometry::SurfaceQuery::new(&given).unwrap();
+    let fits = |options: &str, found: &str| {
+        let line = "polycube bar.mesh -o p.obj --image m.obj --boundary b.safetensors --lattice 0.25 --write-labels l.txt \
+                    --write-model-labels given.txt --png p.png --html p.html --json";
+        let report = place.report(0, &format!("{line} {options}"));
+        assert!(
+            report[found].is_object() && report["boundary_file"] == "b.safetensors",
+            "{report}"
+        );
+        let image = io::read_surface(place.path("m.obj")).unwrap();
+        let farthest = image
+            .vertices()
+            .iter()
+            .map(|p| on_model.closest_point(p).distance)
+            .fold(0.0, f64::max);
+        assert!(farthest < 1e-9, "{farthest}");
+        let lines = |name: &str| std::fs::read_to_string(place.path(name)).unwrap().lines().count();
+        assert_eq!(lines("l.txt"), image.triangles().len());
+        assert_eq!(lines("given.txt"), given.triangles().len());
+        assert!(place.path("p.png").exists() && place.path("p.html").exists());
+        place.ends_with(0, "fit p.obj --boundary b.safetensors -o b.map --tolerance 0.01");
+        let report = place.report(0, "remesh b.map --kind hex --cell-size 0.25 -o hexes.vtu --json");
+        assert_eq!(report["after"]["inverted"].as_u64(), Some(0), "{report}");
+        let hexes = io::read_cells(place.path("hexes.vtu")).unwrap();
+        assert!((hexes.volume() / given.volume() - 1.0).abs() < 0.05);
+    };
+    fits("--polycube voxels", "voxels");
+    if cfg!(feature = "native") {
+        fits("--polycube deformed --max-vertices 50", "simplified");
+    }
+    place.fails(
+        "polycube bar.mesh -o p.obj --image m.obj --polycube voxels --tets t.vtu",
+        &["--tets", "voxels"],
+    );
+    place.fails(
+        "polycube bar.mesh -o p.obj --image m.obj --polycube voxels --lattice -1",
+        &["bar.mesh", "size -1"],
+    );
+}
+
 #[test]
 fn labels_are_written_and_used_again() {
     let place = bar();

@@ -15,6 +15,7 @@ use super::meshes::{
     Surface, VolumeMesh, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new,
     surface_polycube, surface_sphere, surface_torus,
 };
+use super::model_polycube::{ModelPolycube, make_model_polycube, model_polycube_defaults};
 use super::polycube::{PolycubeMap, make_polycube, make_polycube_with_labels, polycube_defaults};
 use super::solids::{RemeshResult, offset_surface, remesh_given, remesh_regular, tetrahedralise};
 use super::{has_native, licence, version};
@@ -399,6 +400,13 @@ pub(super) mod ffi {
         distortion: SurfaceDistortion,
     }
 
+    struct ModelPolycubeOptions {
+        /// 0 automatic, 1 deformed, 2 voxels.
+        kind: u8,
+        most_vertices: usize,
+        deformation: PolycubeOptions,
+    }
+
     struct HexmeshOptions {
         hexes: bool,
         along: usize,
@@ -407,7 +415,7 @@ pub(super) mod ffi {
         most_cells: usize,
         max_distance: f64,
         most_vertices: usize,
-        /// 0 automatic, 1 deformed, 2 voxels.
+        /// As `ModelPolycubeOptions::kind`.
         polycube_kind: u8,
         polycube: PolycubeOptions,
         fit: FitOptions,
@@ -662,6 +670,22 @@ pub(super) mod ffi {
         fn model_surface(self: &PolycubeMap) -> Result<Box<Surface>>;
         fn report(self: &PolycubeMap) -> PolycubeReport;
 
+        fn model_polycube_defaults() -> ModelPolycubeOptions;
+
+        type ModelPolycube;
+        fn make_model_polycube(
+            model: &VolumeMesh,
+            options: &ModelPolycubeOptions,
+            watcher: &Watcher,
+        ) -> Result<Box<ModelPolycube>>;
+        fn boundary(self: &ModelPolycube) -> Result<Box<Boundary>>;
+        fn labels(self: &ModelPolycube) -> &[u8];
+        fn is_deformed(self: &ModelPolycube) -> bool;
+        fn take_deformed(self: &mut ModelPolycube) -> Result<Box<PolycubeMap>>;
+        fn is_simplified(self: &ModelPolycube) -> bool;
+        fn simplified(self: &ModelPolycube) -> Result<SimplifiedReport>;
+        fn voxels(self: &ModelPolycube) -> Result<VoxelReport>;
+
         fn hexmesh_defaults() -> HexmeshOptions;
 
         type Hexmesh;
@@ -669,10 +693,6 @@ pub(super) mod ffi {
         fn remeshed(self: &Hexmesh) -> &RemeshResult;
         fn map(self: &Hexmesh) -> Result<Box<Map>>;
         fn crossings(self: &Hexmesh) -> usize;
-        fn is_deformed(self: &Hexmesh) -> bool;
-        fn take_deformed(self: &mut Hexmesh) -> Result<Box<PolycubeMap>>;
-        fn is_simplified(self: &Hexmesh) -> bool;
-        fn simplified(self: &Hexmesh) -> Result<SimplifiedReport>;
-        fn voxels(self: &Hexmesh) -> Result<VoxelReport>;
+        fn take_polycube(self: &mut Hexmesh) -> Result<Box<ModelPolycube>>;
     }
 }

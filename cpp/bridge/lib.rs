@@ -11,6 +11,7 @@ mod hexmesh;
 mod maps;
 mod measures;
 mod meshes;
+mod model_polycube;
 mod polycube;
 mod solids;
 

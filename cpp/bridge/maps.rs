@@ -632,7 +632,7 @@ fn boundary_of(file: &MapFile) -> Result<&BoundaryMap, Error> {
     })
 }
 
-fn boxed_boundary(boundary: BoundaryMap) -> Result<Box<Boundary>, Error> {
+pub fn boxed_boundary(boundary: BoundaryMap) -> Result<Box<Boundary>, Error> {
     Ok(Box::new(Boundary(boundary)))
 }
 

@@ -73,12 +73,12 @@ void mesh(const solidmap::CellMesh& model, std::size_t along, const char* output
   options.along = along;
   const solidmap::Hexmesh made = solidmap::make_hexmesh(model, options, show);
   std::fprintf(stderr, "\r%100s\r", "");
-  if (made.deformed) {
-    const solidmap::PolycubeReport& report = made.deformed->report;
+  if (made.polycube.deformed) {
+    const solidmap::PolycubeReport& report = made.polycube.deformed->report;
     std::printf("polycube: %zu tetrahedra, deformed; %zu charts, %zu corners\n", report.tets, report.charts,
                 report.corners);
   } else {
-    std::printf("polycube: %zu voxels of %.3g\n", made.voxels->voxels, made.voxels->size);
+    std::printf("polycube: %zu voxels of %.3g\n", made.polycube.voxels->voxels, made.polycube.voxels->size);
   }
   const solidmap::CellQuality& quality = made.report.quality;
   std::printf("mesh: %zu hexahedra, %zu inverted (%zu as mapped), %zu pairs of boundary triangles cross\n", quality.cells,

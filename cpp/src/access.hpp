@@ -211,5 +211,6 @@ ffi::PolycubeOptions for_rust(const PolycubeOptions& options);
 PolycubeOptions converted(const ffi::PolycubeOptions& from);
 SurfaceDistortion converted(const ffi::SurfaceDistortion& found);
 PolycubeMap converted(const ffi::PolycubeMap& made);
+ModelPolycube converted(rust::Box<ffi::ModelPolycube> made);
 
 }  // namespace solidmap::detail

@@ -25,31 +25,10 @@ ffi::HexmeshOptions for_rust(const HexmeshOptions& options) {
           detail::for_rust(options.remesh)};
 }
 
-SimplifiedReport converted(const ffi::SimplifiedReport& found) {
-  return {found.vertices, found.of, detail::converted(found.distortion)};
-}
-
-VoxelReport converted(const ffi::VoxelReport& found) {
-  return {found.voxels, found.size, found.cells, found.missed, found.tried, detail::converted(found.distortion)};
-}
-
 Hexmesh converted(rust::Box<ffi::Hexmesh> made) {
   Remeshed remeshed = detail::converted(made->remeshed());
-  Hexmesh hexmesh = {std::move(remeshed.mesh),
-                     std::move(remeshed.domain_mesh),
-                     make_map(made->map()),
-                     std::move(remeshed.report),
-                     made->crossings(),
-                     std::nullopt,
-                     std::nullopt,
-                     std::nullopt};
-  if (made->is_deformed()) {
-    hexmesh.deformed = detail::converted(*made->take_deformed());
-    if (made->is_simplified()) hexmesh.simplified = converted(made->simplified());
-  } else {
-    hexmesh.voxels = converted(made->voxels());
-  }
-  return hexmesh;
+  return {std::move(remeshed.mesh), std::move(remeshed.domain_mesh), make_map(made->map()),
+          std::move(remeshed.report), made->crossings(),             detail::converted(made->take_polycube())};
 }
 
 }  // namespace

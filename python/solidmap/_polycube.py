@@ -16,8 +16,9 @@ from ._inputs import PathLike
 from ._map import Map
 from ._meshes import CarriedMesh, Mesh, Surface
 from ._progress import Progress, shown
-from ._reports import PolycubeReport, Report
+from ._reports import PolycubeReport, SimplifiedReport, VoxelReport
 from ._text import Rows, table, two_columns
+from .boundary import BoundaryMap
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -26,32 +27,46 @@ if TYPE_CHECKING:
 
 
 class Polycube:
-    """A polycube of a model, deformed from it, with the model's triangles.
+    """A polycube of a model, and the map from its boundary to the model's.
 
     Attributes
     ----------
     surface, image : Surface
-        The polycube and the model, with the same triangles: ``fit(p.surface, images=p.image)`` maps one to the other.
-    tets, image_tets : Mesh
-        The tetrahedra of both.
+        The polycube, and the same triangles with every vertex where it is on the model. Where it is the model itself that was
+        deformed these are its own triangles, some of them split.
+    boundary : BoundaryMap
+        Where every point of the polycube's surface is on the model's: ``fit(boundary=p.boundary)`` maps the insides.
+    tets, image_tets : Mesh or None
+        The tetrahedra of the polycube, and those of the model, or the simplified one, that was deformed. Voxels have none.
     labels : ndarray of uint8, shape (m,)
-        For each triangle the direction that it faces along in the polycube: 0 to 5 for -x, +x, -y, +y, -z, +z.
-    report : PolycubeReport
-        How it was made.
+        For each triangle of ``surface`` the direction that it faces along: 0 to 5 for -x, +x, -y, +y, -z, +z.
+    report : PolycubeReport or None
+        How the model was deformed.
+    simplified : SimplifiedReport or None
+        The simplified surface, where it is not the model itself that was deformed.
+    voxels : VoxelReport or None
+        The voxels, where the polycube consists of some.
     """
 
     def __init__(self, found: native.Polycube) -> None:
         polycube, model = found.surfaces()
         self.surface, self.image = Surface._of(polycube), Surface._of(model)
-        tets, image_tets = found.tets()
-        self.tets: Mesh = Mesh._of(tets)
-        self.image_tets: Mesh = Mesh._of(image_tets)
+        self.boundary = BoundaryMap._of(found.boundary())
+        self.tets: Optional[Mesh] = None
+        self.image_tets: Optional[Mesh] = None
+        tets = found.tets()
+        if tets is not None:
+            self.tets, self.image_tets = (Mesh._of(mesh) for mesh in tets)
         self.labels: NDArray[np.uint8] = found.labels
-        self.report = PolycubeReport._read(found.report_json)
+        report, simplified, voxels = found.report_json, found.simplified_json, found.voxels_json
+        self.report = None if report is None else PolycubeReport._read(report)
+        self.simplified = None if simplified is None else SimplifiedReport._read(simplified)
+        self.voxels = None if voxels is None else VoxelReport._read(voxels)
         self._given_labels = found.given_labels
 
     def labels_of(self, triangles: ArrayLike) -> NDArray[np.uint8]:
-        """The labels of the model's own triangles, for ``polycube(model, labels=...)``.
+        """The labels of the model's own triangles, for ``polycube(model, labels=...)``: of all parts of each where the model itself
+        was deformed, else of the face of the polycube that its middle goes to.
 
         Parameters
         ----------
@@ -74,11 +89,15 @@ class Polycube:
         labels = self.labels if triangles is None else self.labels_of(triangles)
         native.write_labels(inputs.path("path", path), labels)
 
+    def _rows(self) -> Rows:
+        parts = (self.report, self.simplified, self.voxels)
+        return [row for part in parts if part is not None for row in part._rows()]
+
     def __repr__(self) -> str:
-        return repr(self.report)
+        return two_columns(self._rows())
 
     def _repr_html_(self) -> str:
-        return self.report._repr_html_()
+        return table("Polycube", self._rows())
 
 
 class BestAttempt:
@@ -120,22 +139,15 @@ class Hexmesh:
         The mesh, with its ``report`` and the cells in the polycube as ``mesh.domain``.
     map : Map
         The map from the polycube to the model.
-    polycube : Polycube or None
-        The polycube, where it is the model deformed, or a simplified one.
-    simplified : Report or None
-        ``vertices``, ``of`` and ``distortion`` of the simplified surface, where it is not the model itself that was deformed.
-    voxels : Report or None
-        The polycube, where it consists of voxels.
+    polycube : Polycube
+        The polycube.
     """
 
     def __init__(self, found: native.Hexmesh, max_distance: float) -> None:
         map_, mesh, polycube = found.take()
         self.map = Map._of(map_, found.tolerance_met)
         self.mesh = CarriedMesh._carried(mesh)
-        self.polycube = None if polycube is None else Polycube(polycube)
-        simplified, voxels = found.simplified_json, found.voxels_json
-        self.simplified = None if simplified is None else Report(json.loads(simplified))
-        self.voxels = None if voxels is None else Report(json.loads(voxels))
+        self.polycube = Polycube(polycube)
         self._max_distance = max_distance
 
     @property
@@ -144,8 +156,7 @@ class Hexmesh:
         return self.mesh.report.valid and self.mesh.report.target_to_mesh["max"] <= self._max_distance
 
     def _rows(self) -> Rows:
-        first = [] if self.polycube is None else list(self.polycube.report._rows())
-        return [*first, *self.mesh.report._rows()]
+        return [*self.polycube._rows(), *self.mesh.report._rows()]
 
     def __repr__(self) -> str:
         return two_columns(self._rows())
@@ -162,6 +173,8 @@ def _model(model: Any) -> Tuple[Optional[native.Surface], Optional[native.Cells]
 def polycube(
     model: Any,
     *,
+    polycube: str = "auto",
+    max_vertices: int = 6000,
     smoothness: float = 0.02,
     orient: Orient = "given",
     lattice: Optional[float] = None,
@@ -174,6 +187,12 @@ def polycube(
     ----------
     model : surface or tetrahedra
         Closed surface, which TetGen fills; or a mesh of tetrahedra, which is used as it is.
+    polycube : {"auto", "deformed", "voxels"}
+        Where the polycube comes from: the model, deformed; or voxels, if one attempt fails (with two handles or more: if all do).
+        ``"deformed"`` makes up to five attempts.
+    max_vertices : int
+        Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones
+        are simplified first.
     smoothness : float
         How much borders between charts count against directions: 0.005 gives many charts, 0.04 few.
     orient : {"given", "principal", "best"}
@@ -181,7 +200,8 @@ def polycube(
     lattice : float, optional
         Put the planes of the polycube on a lattice with cells of this size.
     labels : array_like of integers, shape (m,), or path, optional
-        Use these directions of the model's triangles instead of seeking some: 0 to 5 for -x, +x, -y, +y, -z, +z.
+        Use these directions of the model's triangles instead of seeking some: 0 to 5 for -x, +x, -y, +y, -z, +z. The model is
+        deformed as it is, in one attempt.
     progress : bool or callable, optional
         As for :func:`solidmap.check`.
 
@@ -201,8 +221,10 @@ def polycube(
     >>> again.report.charts == made.report.charts  # doctest: +NATIVE
     True
     """
-    surface, cells, _ = _model(model)
+    surface, cells, path = _model(model)
     arguments: Dict[str, Any] = {
+        "polycube": options.choice("polycube", polycube, ["auto", "deformed", "voxels"]),
+        "max_vertices": options.count("max_vertices", max_vertices),
         "smoothness": options.number("smoothness", smoothness),
         "orient": options.choice("orient", orient, ["given", "principal", "best"]),
         "lattice": options.optional(options.number, "lattice", lattice),
@@ -226,8 +248,9 @@ def polycube(
         if numbers.size and not (numbers.min() >= 0 and numbers.max() <= 5):
             raise InvalidInputError("labels must be from 0 to 5, for -x, +x, -y, +y, -z, +z")
         given = (triangles, np.require(numbers, np.uint8, ["C", "A"]))
+    roles = [] if path is None else [("model", path)]
     with shown(progress) as callback:
-        made, best = native.polycube_of(surface, cells, arguments, given, callback)
+        made, best = native.polycube_of(surface, cells, arguments, roles, given, callback)
     if made is None:
         assert best is not None
         error = NumericalError(best[0])
@@ -276,7 +299,8 @@ def hexmesh(
     cell_size : float, optional
         Size of the cells in the polycube.
     polycube : {"auto", "deformed", "voxels"}
-        Where the polycube comes from.
+        As for :func:`polycube`; ``"auto"`` takes voxels, too, if the deformed model leads to no valid mesh, or, with one handle at
+        most, if its cells are poor and those by voxels better.
     smoothness, orient
         As for :func:`polycube`.
     tolerance : float

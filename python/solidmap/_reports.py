@@ -668,6 +668,32 @@ class PolycubeReport(Report):
         ]
 
 
+class SimplifiedReport(Report):
+    """The simplified model that was deformed to a polycube."""
+
+    vertices: int
+    of: int
+    distortion: Dict[str, Any]
+
+    def _rows(self) -> Rows:
+        return [("simplified", f"{self.vertices} of the model's {self.of} vertices")]
+
+
+class VoxelReport(Report):
+    """A polycube of voxels."""
+
+    voxels: int
+    size: float
+    cells: int
+    missed: int
+    tried: int
+    distortion: Dict[str, Any]
+
+    def _rows(self) -> Rows:
+        missed = f"; {self.missed} vertices of the model are farther than a voxel from them" if self.missed else ""
+        return [("polycube", f"{self.voxels} voxels of {significant(self.size, 4)}{missed}")]
+
+
 class OffsetReport(Report):
     """How good an offset surface is."""
 

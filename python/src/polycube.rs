@@ -8,16 +8,20 @@ use pyo3::prelude::*;
 use serde_json::json;
 use solidmap::files;
 use solidmap::fit::FitOptions;
-use solidmap::hexmesh::{HexmeshOptions, HexmeshPhase, HexmeshPolycube, PolycubeKind, make_hexmesh};
+use solidmap::hexmesh::{HexmeshOptions, HexmeshPhase, make_hexmesh};
 use solidmap::io;
 use solidmap::mesh::{CellMesh, SurfaceMesh, TetMesh};
+use solidmap::model_polycube::{
+    self, ModelPolycube, ModelPolycubeError, ModelPolycubeOptions, ModelPolycubePhase, PolycubeKind,
+    make_model_polycube,
+};
 use solidmap::polycube::{
-    self, MakePolycubeError, Orientation, PolycubeOptions, PolycubePhase, make_polycube, make_polycube_with_labels,
+    BestAttempt, MakePolycubeError, Orientation, PolycubeOptions, PolycubePhase, make_polycube_with_labels,
 };
 use solidmap::remesh::{CellSize, RemeshOptions};
 
 use crate::arrays::{copy_of_rows, entries, rows};
-use crate::boundary::{Inputs, pair_step, provenance, value_of};
+use crate::boundary::{Boundary, Inputs, pair_step, provenance, value_of};
 use crate::error::{ErrorKind, Failure};
 use crate::fit::fit_step;
 use crate::map::Map;
@@ -50,7 +54,15 @@ impl Model {
     }
 }
 
-fn polycube_step(phase: PolycubePhase) -> Step {
+fn polycube_step(phase: ModelPolycubePhase) -> Step {
+    match phase {
+        ModelPolycubePhase::Simplifying => step("simplifying"),
+        ModelPolycubePhase::Deforming(phase) => deformation_step(phase),
+        ModelPolycubePhase::Pairing(phase) => pair_step(phase),
+    }
+}
+
+fn deformation_step(phase: PolycubePhase) -> Step {
     match phase {
         PolycubePhase::Attempting { attempt } => step(&format!("attempt {attempt}")),
         PolycubePhase::Labelling { round } => of("directions", None, format!("round {round}")),
@@ -67,10 +79,20 @@ fn orientation(name: &str) -> Orientation {
     }
 }
 
+fn kind_of(name: &str) -> PolycubeKind {
+    match name {
+        "deformed" => PolycubeKind::Deformed,
+        "voxels" => PolycubeKind::Voxels,
+        _ => PolycubeKind::Auto,
+    }
+}
+
 /// The program's options of polycubes.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct PolycubeArguments {
+    polycube: String,
+    max_vertices: usize,
     smoothness: f64,
     orient: String,
     lattice: Option<f64>,
@@ -78,41 +100,87 @@ pub struct PolycubeArguments {
 
 /// A polycube and its model.
 #[pyclass(frozen, module = "solidmap._solidmap")]
-pub struct Polycube(Arc<polycube::PolycubeMap>);
+pub struct Polycube {
+    made: ModelPolycube,
+    /// The boundary triangles of the mesh that was given, and the label of each.
+    given: (Vec<[u32; 3]>, Vec<u8>),
+    inputs: Inputs,
+}
+
+impl Polycube {
+    fn of(made: ModelPolycube, model: &TetMesh, inputs: Inputs) -> Self {
+        let boundary = model.boundary();
+        let node = |v: u32| boundary.vertex_ids[v as usize];
+        let triangles: Vec<[u32; 3]> = boundary.surface.triangles().iter().map(|t| t.map(node)).collect();
+        let labels = made.labels_of(model, &triangles).unwrap_or_default();
+        Self {
+            made,
+            given: (triangles, labels),
+            inputs,
+        }
+    }
+}
 
 #[pymethods]
 impl Polycube {
     /// Surfaces of the polycube and of the model, with the same triangles.
-    fn surfaces(&self, py: Python) -> PyResult<(Surface, Surface)> {
-        let made = Arc::clone(&self.0);
-        run(py, None, None, move |_| {
-            let [polycube, model] = made.surfaces().map(Surface::of);
-            Ok((polycube, model))
-        })
+    fn surfaces(&self) -> (Surface, Surface) {
+        let boundary = &self.made.boundary;
+        (Surface::of(boundary.domain().clone()), Surface::of(boundary.target()))
     }
 
-    /// Tetrahedra of the polycube and of the model.
-    fn tets(&self) -> (Cells, Cells) {
-        let [polycube, model] = [&self.0.polycube, &self.0.model].map(|mesh| Cells::of(CellMesh::from(mesh.clone())));
-        (polycube, model)
+    /// The map from one to the other.
+    fn boundary(&self) -> PyResult<Boundary> {
+        Ok(Boundary::of(self.made.boundary.clone(), provenance(&self.inputs)?))
+    }
+
+    /// Tetrahedra of the polycube and of the model that was deformed; none of voxels.
+    fn tets(&self) -> Option<(Cells, Cells)> {
+        let model_polycube::Polycube::Deformed(made, _) = &self.made.polycube else {
+            return None;
+        };
+        let [polycube, model] = [&made.polycube, &made.model].map(|mesh| Cells::of(CellMesh::from(mesh.clone())));
+        Some((polycube, model))
     }
 
     /// For each triangle of the surfaces the direction that it faces along: 0 to 5 for -x, +x, -y, +y, -z, +z.
     #[getter]
     fn labels<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
-        self.0.labels.to_pyarray(py)
+        PyArray1::from_vec(py, self.made.labels())
     }
 
-    /// The boundary triangles of the mesh that was given, and the direction of all parts of each.
+    /// The boundary triangles of the mesh that was given, and the direction of each.
     #[getter]
     fn given_labels<'py>(&self, py: Python<'py>) -> (Bound<'py, PyArray2<u32>>, Bound<'py, PyArray1<u8>>) {
-        let (triangles, labels): (Vec<_>, Vec<_>) = self.0.given_labels.iter().copied().unzip();
-        (copy_of_rows(py, &triangles), PyArray1::from_vec(py, labels))
+        let (triangles, labels) = &self.given;
+        (copy_of_rows(py, triangles), labels.to_pyarray(py))
     }
 
+    /// Of a deformation.
     #[getter]
-    fn report_json(&self) -> PyResult<String> {
-        Ok(to_json(&self.0.report)?)
+    fn report_json(&self) -> PyResult<Option<String>> {
+        Ok(match &self.made.polycube {
+            model_polycube::Polycube::Deformed(made, _) => Some(to_json(&made.report)?),
+            model_polycube::Polycube::Voxels(..) => None,
+        })
+    }
+
+    /// Of the simplified model that was deformed.
+    #[getter]
+    fn simplified_json(&self) -> PyResult<Option<String>> {
+        Ok(match &self.made.polycube {
+            model_polycube::Polycube::Deformed(_, Some(report)) => Some(to_json(report)?),
+            _ => None,
+        })
+    }
+
+    /// Of voxels.
+    #[getter]
+    fn voxels_json(&self) -> PyResult<Option<String>> {
+        Ok(match &self.made.polycube {
+            model_polycube::Polycube::Voxels(_, report) => Some(to_json(report)?),
+            model_polycube::Polycube::Deformed(..) => None,
+        })
     }
 }
 
@@ -137,22 +205,27 @@ type NotFound<'py> = (String, Cells, Cells, Vec<(String, Bound<'py, PyArray1<f64
 /// A polycube of a model; with labels of the triangles of its boundary, the one that they describe. Where none is found,
 /// the best attempt.
 #[pyfunction]
-#[pyo3(signature = (surface, mesh, arguments, labels=None, progress=None))]
+#[pyo3(signature = (surface, mesh, arguments, inputs, labels=None, progress=None))]
 #[allow(clippy::type_complexity, reason = "one of two results")]
 pub fn polycube_of<'py>(
     py: Python<'py>,
     surface: Option<&Surface>,
     mesh: Option<&Cells>,
     arguments: PolycubeArguments,
+    inputs: Inputs,
     labels: Option<(PyReadonlyArray2<u32>, PyReadonlyArray1<u8>)>,
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<(Option<Polycube>, Option<NotFound<'py>>)> {
     let model = Model::of(surface, mesh)?;
-    let options = PolycubeOptions {
-        smoothness: arguments.smoothness,
-        lattice: arguments.lattice.map(CellSize::Length),
-        orientation: orientation(&arguments.orient),
-        ..PolycubeOptions::default()
+    let options = ModelPolycubeOptions {
+        kind: kind_of(&arguments.polycube),
+        most_vertices: arguments.max_vertices,
+        deformation: PolycubeOptions {
+            smoothness: arguments.smoothness,
+            lattice: arguments.lattice.map(CellSize::Length),
+            orientation: orientation(&arguments.orient),
+            ..PolycubeOptions::default()
+        },
     };
     let labels = match labels {
         None => None,
@@ -164,16 +237,20 @@ pub fn polycube_of<'py>(
     };
     let (made, best) = run(py, progress, None, move |watch| {
         let tets = model.tets(watch)?;
-        let report = |phase| watch.tell(|| polycube_step(phase));
         let made = match labels {
-            Some(labels) => make_polycube_with_labels(&tets, &labels, &options, &report),
-            None => make_polycube(&tets, &options, &report),
+            Some(labels) => {
+                let report = |phase| watch.tell(|| deformation_step(phase));
+                let made = make_polycube_with_labels(&tets, &labels, &options.deformation, &report);
+                made.map_err(ModelPolycubeError::from)
+                    .and_then(|made| Ok(ModelPolycube::of_deformed(made)?))
+            }
+            None => make_model_polycube(&tets, &options, &|phase| watch.tell(|| polycube_step(phase))),
         };
         match made {
-            Ok(made) => Ok((Some(Polycube(Arc::new(made))), None)),
-            Err(error) => match &error {
-                MakePolycubeError::NotFound { best, .. } => Ok((None, Some((error.to_string(), best.clone())))),
-                _ => Err(error.into()),
+            Ok(made) => Ok((Some(Polycube::of(made, &tets, inputs)), None)),
+            Err(error) => match best_attempt(&error) {
+                Some(best) => Ok((None, Some((error.to_string(), best.clone())))),
+                None => Err(error.into()),
             },
         }
     })?;
@@ -184,6 +261,15 @@ pub fn polycube_of<'py>(
         Ok::<_, Failure>((message, polycube, model, fields, report.to_string()))
     });
     Ok((made, not_found.transpose()?))
+}
+
+/// What the deformation ended with.
+fn best_attempt(error: &ModelPolycubeError) -> Option<&BestAttempt> {
+    match error {
+        ModelPolycubeError::Deformation(MakePolycubeError::NotFound { best, .. }) => Some(best),
+        ModelPolycubeError::Neither { deformed, .. } => best_attempt(deformed),
+        _ => None,
+    }
 }
 
 /// The program's options of `hexmesh`, beside those of the mesh.
@@ -199,31 +285,19 @@ pub struct HexmeshArguments {
     max_vertices: usize,
 }
 
-/// A mesh of a model, the map that carried it, the polycube where it is the model deformed, and the report.
+/// A mesh of a model, the map that carried it, and the polycube.
 #[pyclass(frozen, module = "solidmap._solidmap")]
 pub struct Hexmesh {
-    parts: Mutex<Option<(Map, CarriedMesh, Option<Polycube>)>>,
-    simplified: Option<String>,
-    voxels: Option<String>,
+    parts: Mutex<Option<(Map, CarriedMesh, Polycube)>>,
     tolerance_met: bool,
 }
 
 #[pymethods]
 impl Hexmesh {
     /// The map, the mesh and the polycube; once.
-    fn take(&self) -> PyResult<(Map, CarriedMesh, Option<Polycube>)> {
+    fn take(&self) -> PyResult<(Map, CarriedMesh, Polycube)> {
         let parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner).take();
         Ok(parts.ok_or_else(|| Failure::new(ErrorKind::Internal, "the parts of a mesh were taken twice"))?)
-    }
-
-    #[getter]
-    fn simplified_json(&self) -> Option<String> {
-        self.simplified.clone()
-    }
-
-    #[getter]
-    fn voxels_json(&self) -> Option<String> {
-        self.voxels.clone()
     }
 
     #[getter]
@@ -251,11 +325,7 @@ pub fn hexmesh(
         most_cells: carried.max_cells,
         max_distance: arguments.max_distance,
         most_vertices: arguments.max_vertices,
-        polycube_kind: match arguments.polycube.as_str() {
-            "deformed" => PolycubeKind::Deformed,
-            "voxels" => PolycubeKind::Voxels,
-            _ => PolycubeKind::Auto,
-        },
+        polycube_kind: kind_of(&arguments.polycube),
         polycube: PolycubeOptions {
             smoothness: arguments.smoothness,
             orientation: orientation(&arguments.orient),
@@ -276,26 +346,21 @@ pub fn hexmesh(
         let tets = model.tets(watch)?;
         let report = |phase| {
             watch.tell(|| match phase {
-                HexmeshPhase::Simplifying => step("simplifying"),
                 HexmeshPhase::Polycube(phase) => polycube_step(phase),
-                HexmeshPhase::Pairing(phase) => pair_step(phase),
                 HexmeshPhase::Fitting(phase) => fit_step(phase),
                 HexmeshPhase::Remeshing(phase) => remesh_step(phase),
             })
         };
         let made = make_hexmesh(&tets, &options, &report)?;
         let tolerance_met = options.fit.is_met_by(&made.fit.report);
-        let (polycube, simplified, voxels) = match made.polycube {
-            HexmeshPolycube::Deformed(found, simplified) => {
-                (Some(Polycube(Arc::new(*found))), value_of(&simplified)?, json!(null))
-            }
-            HexmeshPolycube::Voxels(_, report) => (None, json!(null), value_of(&report)?),
+        let polycube = ModelPolycube {
+            polycube: made.polycube,
+            boundary: made.fit.boundary.clone(),
         };
         let map = Map::of(made.fit, provenance(&inputs)?);
+        let polycube = Polycube::of(polycube, &tets, inputs);
         Ok(Hexmesh {
             parts: Mutex::new(Some((map, CarriedMesh::of(made.remeshed, carried.worst), polycube))),
-            simplified: (!simplified.is_null()).then(|| simplified.to_string()),
-            voxels: (!voxels.is_null()).then(|| voxels.to_string()),
             tolerance_met,
         })
     })

@@ -258,6 +258,7 @@ def test_polycubes_carry_hexahedra():
     assert f.remesh(kind="hex", cells=12).kind == "hexes"
     labels = made.labels_of(torus.faces)
     assert set(labels) == set(range(6)) and np.array_equal(labels, pickle.loads(pickle.dumps(made)).labels_of(torus.faces[:, ::-1]))
+    assert np.array_equal(made.boundary.images, made.image.points) and made.voxels is None and made.simplified is None
     again = solidmap.polycube(made.image_tets, labels=None)
     assert again.report.tets >= made.report.tets
     with pytest.raises(solidmap.InvalidInputError, match="labels has the dtype"):
@@ -282,10 +283,24 @@ def test_labels_of_a_model_describe_its_polycube():
 
 
 @needs_native
+def test_large_models_are_simplified_and_voxels_fill_them(ball):
+    made = solidmap.polycube(ball, max_vertices=200)
+    assert made.simplified.of == len(ball.points) > made.simplified.vertices and made.tets is not None
+    voxels = solidmap.polycube(ball, polycube="voxels", lattice=0.1)
+    assert voxels.report is None and voxels.tets is None and voxels.voxels.missed == 0 and "voxels of" in repr(voxels)
+    for found in (made, voxels):
+        assert not found.boundary.is_linear and len(found.labels_of(ball.faces)) == len(ball.faces)
+        f = solidmap.fit(boundary=found.boundary, tolerance=0.005)
+        assert f.remesh(kind="hex", cells=8).volume == pytest.approx(ball.volume, rel=0.1)
+    again = pickle.loads(pickle.dumps(voxels))
+    assert again.voxels == voxels.voxels and np.array_equal(again.labels_of(ball.faces), voxels.labels_of(ball.faces))
+
+
+@needs_native
 def test_hexmesh_does_all_in_one(ball):
     made = solidmap.hexmesh(ball, cells=8)
     assert made.valid and made.mesh.kind == "hexes" and made.mesh.volume == pytest.approx(ball.volume, rel=0.05)
-    assert (made.polycube is None) != (made.voxels is None)
+    assert (made.polycube.report is None) != (made.polycube.voxels is None)
     assert np.allclose(made.map(made.map.domain.points), made.map.boundary.images, atol=0.05)
 
 

@@ -1,57 +1,22 @@
 //! From a model to its hexahedra: a polycube of the model on a lattice, the harmonic map from the polycube to the model, and
 //! the lattice's cells carried by it and repaired.
 //!
-//! The polycube is the model itself, deformed, or one of voxels with a bijection of the boundaries. Of a large solid a
-//! simplified model is deformed.
-//! Every step is also there by itself: [`make_polycube`] or [`VoxelPolycube`] and
-//! [`map_pair`](crate::boundary_map::pair::map_pair), [`fit`], [`remesh`].
+//! Every step is also there by itself: [`make_model_polycube`](crate::model_polycube::make_model_polycube), [`fit`], [`remesh`].
 
-mod simplified;
 mod voxels;
 
-use crate::boundary_map::pair::{PairError, PairPhase};
-use crate::boundary_map::{BoundaryMap, BoundaryMapError};
+use crate::boundary_map::BoundaryMap;
 use crate::fit::{Fit, FitError, FitOptions, Phase, fit};
-use crate::mesh::{SurfaceMesh, TetMesh};
-use crate::polycube::{
-    MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubePhase, VoxelPolycube, VoxelPolycubeError, make_polycube,
+use crate::mesh::TetMesh;
+use crate::model_polycube::{
+    MOST_VERTICES, Model, ModelPolycube, ModelPolycubeError, ModelPolycubePhase, Polycube, PolycubeKind, deformed,
+    with_few_attempts,
 };
+use crate::polycube::PolycubeOptions;
 use crate::progress::{ProgressControl, ProgressResponse};
 use crate::remesh::{
     CellKind, CellSize, RemeshError, RemeshOptions, RemeshPhase, RemeshSource, Remeshed, crossing_triangles, remesh,
 };
-use crate::spherical::{SphericalError, genus};
-
-pub use simplified::SimplifiedReport;
-pub use voxels::VoxelReport;
-
-/// Where the polycube comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum PolycubeKind {
-    /// A deformation of the model if one attempt finds one that leads to a valid mesh (with two handles or more: if any attempt does), else
-    /// voxels.
-    #[default]
-    Auto,
-    /// The model, deformed ([`make_polycube`]).
-    Deformed,
-    /// Voxels ([`VoxelPolycube`]).
-    Voxels,
-}
-
-/// Attempts at a deformation where voxels are left as well. For scale: an attempt that fails takes up to a minute for 50 000
-/// tetrahedra, voxels 20 s, with cells no worse.
-const ATTEMPTS_BEFORE_VOXELS: usize = 1;
-/// Most of the effort of such an attempt ([`PolycubeOptions::effort`]).
-const EFFORT_BEFORE_VOXELS: f64 = 2000.0;
-
-/// Handles of a model, at most, whose voxels are tried after a few attempts at a deformation, and not after all: the more handles, the
-/// less often voxels show all of them.
-const HANDLES_OF_FEW_ATTEMPTS: u64 = 1;
-
-/// Vertices of a model with handles that is deformed as it is, over [`HexmeshOptions::most_vertices`]. A simplified ring leads to a
-/// polycube less often than the ring itself, and voxels, which follow, to worse cells: the kitten's, of 9447 vertices, have a least
-/// scaled Jacobian of 0.61 by its own deformation in 22 s, 0.43 by voxels in 43 s.
-const RINGS: f64 = 2.5;
 
 /// Voxels are tried, too, where a deformation of a model with one handle or none leads to a valid mesh with a smaller least scaled
 /// Jacobian. For scale: where the rocker arm has
@@ -69,11 +34,11 @@ pub struct HexmeshOptions {
     pub most_cells: usize,
     /// How far a vertex of the model may be from the mesh, over the diagonal of the model, before another polycube is tried.
     pub max_distance: f64,
-    /// Where the polycube comes from.
+    /// Where the polycube comes from: of a deformation and voxels that lead to meshes the better one, with [`PolycubeKind::Auto`].
     pub polycube_kind: PolycubeKind,
-    /// A model of genus 0 whose surface has more vertices, or one with handles with more than 2.5 times as many, is simplified, and its
-    /// polycube is made from the simplified one. The mesh's boundary is on the model itself. Without the feature `native` it is
-    /// deformed as it is.
+    /// Vertices from which on a model is simplified
+    /// ([`ModelPolycubeOptions::most_vertices`](crate::model_polycube::ModelPolycubeOptions::most_vertices)). The mesh's boundary is on the
+    /// model itself.
     pub most_vertices: usize,
     /// How the model is deformed to a polycube. Its lattice is chosen by the size of the cells.
     pub polycube: PolycubeOptions,
@@ -109,18 +74,11 @@ pub const TOLERANCE: f64 = 0.002;
 /// The default of [`HexmeshOptions::max_distance`].
 pub const MAX_DISTANCE: f64 = 0.05;
 
-/// The default of [`HexmeshOptions::most_vertices`].
-pub const MOST_VERTICES: usize = 6000;
-
 /// The current step of [`make_hexmesh`], for progress callbacks.
 #[derive(Debug, Clone, PartialEq)]
 pub enum HexmeshPhase {
-    /// A large model is simplified.
-    Simplifying,
-    /// The polycube is made.
-    Polycube(PolycubePhase),
-    /// The boundary of a polycube of voxels, or of a simplified model, is mapped to the model's.
-    Pairing(PairPhase),
+    /// The polycube is made, and its boundary mapped to the model's.
+    Polycube(ModelPolycubePhase),
     /// The map is fitted.
     Fitting(Phase),
     /// Its cells are carried to the model.
@@ -133,32 +91,18 @@ pub enum HexmeshPhase {
 pub enum HexmeshError {
     /// No polycube was found, or the model cannot be used.
     #[error(transparent)]
-    Polycube(#[from] MakePolycubeError),
-    /// There is no polycube of voxels.
-    #[error(transparent)]
-    Voxels(#[from] VoxelPolycubeError),
-    /// The boundary of the polycube of voxels, or of the simplified model, cannot be mapped to the model's.
-    #[error(
-        "the boundary of the polycube of voxels, or of the simplified model, cannot be mapped to the model's (the target): {0}"
-    )]
-    Pair(#[from] PairError),
+    Polycube(#[from] ModelPolycubeError),
     /// The largest distance allowed is not positive.
     #[error("the distance allowed between the model and the mesh is {0}, but must be positive")]
     MaxDistance(f64),
-    /// The surface of the model encloses no volume, or it is inside out.
-    #[error("the surface of the model encloses no volume")]
-    NoVolume,
     /// The model cannot be deformed to a polycube, and voxels lead to no mesh.
     #[error("{deformed}; and by voxels instead: {voxels}")]
     Neither {
         /// Why there is no deformed model.
-        deformed: Box<Self>,
+        deformed: Box<ModelPolycubeError>,
         /// Why there is no mesh by voxels.
         voxels: Box<Self>,
     },
-    /// The polycube's boundary and the model's are no boundary map.
-    #[error(transparent)]
-    BoundaryMap(#[from] BoundaryMapError),
     /// The map cannot be fitted.
     #[error(transparent)]
     Fit(#[from] FitError),
@@ -167,20 +111,11 @@ pub enum HexmeshError {
     Remesh(#[from] RemeshError),
 }
 
-/// The polycube of a [`Hexmesh`].
-#[derive(Debug)]
-pub enum HexmeshPolycube {
-    /// The model, deformed; or a simplified one.
-    Deformed(Box<PolycubeMap>, Option<Box<SimplifiedReport>>),
-    /// Voxels.
-    Voxels(VoxelPolycube, Box<VoxelReport>),
-}
-
 /// A model's mesh of hexahedra or tetrahedra, and what it was made by.
 #[derive(Debug)]
 pub struct Hexmesh {
     /// The polycube.
-    pub polycube: HexmeshPolycube,
+    pub polycube: Polycube,
     /// The harmonic map from the polycube to the model.
     pub fit: Fit,
     /// The mesh: its nodes are `remeshed.images`.
@@ -254,11 +189,7 @@ pub fn make_hexmesh<R: ProgressResponse>(
         PolycubeKind::Deformed => false,
         PolycubeKind::Voxels => return voxels::hexmesh(&model, options, &progress),
     };
-    let few_attempts = may_be_voxels
-        && model
-            .genus
-            .as_ref()
-            .is_ok_and(|genus| *genus <= HANDLES_OF_FEW_ATTEMPTS);
+    let few_attempts = may_be_voxels && model.has_few_handles();
     // With many handles voxels take long, and are seldom better.
     let is_enough = |made: &Hexmesh| made.is_good(options) && (!few_attempts || made.least_scaled_jacobian() >= POOR);
     match by_deformation(&model, options, few_attempts, &progress) {
@@ -273,14 +204,15 @@ pub fn make_hexmesh<R: ProgressResponse>(
                 _ => made,
             })
         }
-        Err(deformed) if may_be_voxels && deformed.may_be_voxels() => voxels::hexmesh(&model, options, &progress)
-            .map_err(|error| match error.is_cancelled() {
-                true => error,
+        Err(HexmeshError::Polycube(deformed)) if may_be_voxels && deformed.may_be_voxels() => {
+            voxels::hexmesh(&model, options, &progress).map_err(|voxels| match voxels.is_cancelled() {
+                true => voxels,
                 false => HexmeshError::Neither {
                     deformed: Box::new(deformed),
-                    voxels: Box::new(error),
+                    voxels: Box::new(voxels),
                 },
-            }),
+            })
+        }
         made => made,
     }
 }
@@ -288,53 +220,21 @@ pub fn make_hexmesh<R: ProgressResponse>(
 impl HexmeshError {
     /// Whether no polycube was found, though the model is one that can be used.
     pub fn is_without_polycube(&self) -> bool {
-        matches!(
-            self,
-            Self::Polycube(MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels) | Self::Neither { .. }
-        )
-    }
-
-    /// Whether voxels may lead to a mesh all the same.
-    fn may_be_voxels(&self) -> bool {
-        self.is_without_polycube() || matches!(self, Self::Pair(_)) && !self.is_cancelled()
+        match self {
+            Self::Polycube(error) => error.is_without_polycube(),
+            error => matches!(error, Self::Neither { .. }),
+        }
     }
 
     /// Whether the progress callback cancelled the work.
     pub fn is_cancelled(&self) -> bool {
-        matches!(
-            self,
-            Self::Polycube(MakePolycubeError::Cancelled)
-                | Self::Pair(PairError::Cancelled)
-                | Self::Fit(FitError::Cancelled)
-                | Self::Remesh(RemeshError::Cancelled)
-        )
-    }
-}
-
-/// A model with its surface.
-struct Model<'a> {
-    tets: &'a TetMesh,
-    surface: SurfaceMesh,
-    genus: Result<u64, SphericalError>,
-}
-
-impl<'a> Model<'a> {
-    fn new(tets: &'a TetMesh) -> Self {
-        let surface = tets.boundary().surface;
-        let genus = genus(&surface);
-        Self { tets, surface, genus }
-    }
-
-    /// Whether the boundaries of other solids are mapped to this one ([`map_pair`](crate::boundary_map::pair::map_pair)).
-    fn has_pairs(&self) -> bool {
-        self.genus.is_ok()
-    }
-
-    /// Whether it has so many vertices that a simplified model is deformed in its place.
-    fn is_large(&self, options: &HexmeshOptions) -> bool {
-        let most = options.most_vertices as f64;
-        let most = if self.genus == Ok(0) { most } else { RINGS * most };
-        self.surface.vertices().len() as f64 > most
+        match self {
+            Self::Polycube(error) => error.is_cancelled(),
+            error => matches!(
+                error,
+                Self::Fit(FitError::Cancelled) | Self::Remesh(RemeshError::Cancelled)
+            ),
+        }
     }
 }
 
@@ -345,42 +245,28 @@ fn by_deformation(
     few_attempts: bool,
     progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
 ) -> Result<Hexmesh, HexmeshError> {
-    let mut polycube_options = PolycubeOptions {
+    let deformation = PolycubeOptions {
         lattice: Some(lattice_of(options)),
         ..options.polycube
     };
-    if few_attempts {
-        polycube_options.attempts = polycube_options.attempts.min(ATTEMPTS_BEFORE_VOXELS);
-        polycube_options.effort = polycube_options.effort.min(EFFORT_BEFORE_VOXELS);
-    }
-    let making = |phase| progress(HexmeshPhase::Polycube(phase));
-    let mut by_simplified = None;
-    if model.has_pairs()
-        && model.is_large(options)
-        && let Some(simplified) = simplified::simplified(model, options, progress)?
-    {
-        let polycube = make_polycube(&simplified, &polycube_options, &making)?;
-        let [domain, image] = polycube.surfaces();
-        by_simplified = match simplified::onto_model(domain, &image, &model.surface, progress) {
-            Ok((boundary, report)) => Some((polycube, boundary, Some(Box::new(report)))),
-            // With many handles closest points may not say which goes where: then the model is deformed as it is.
-            Err(HexmeshError::Pair(PairError::NoClass { .. })) => None,
-            Err(error) => return Err(error),
-        };
-    }
-    let (polycube, boundary, simplified) = match by_simplified {
-        Some(made) => made,
-        None => {
-            let polycube = make_polycube(model.tets, &polycube_options, &making)?;
-            let [domain, image] = polycube.surfaces();
-            let boundary = BoundaryMap::between(domain, &image)?;
-            (polycube, boundary, None)
-        }
+    let deformation = match few_attempts {
+        true => with_few_attempts(&deformation),
+        false => deformation,
     };
-    let size = cell_size(options, &polycube);
+    let making = |phase| progress(HexmeshPhase::Polycube(phase));
+    let ModelPolycube { polycube, boundary } = deformed(model, options.most_vertices, &deformation, &making)?;
+    // The lattice's own size where the polycube's planes are on it.
+    let size = match &polycube {
+        Polycube::Deformed(found, _) => found
+            .report
+            .lattice
+            .map(|size| size / boxes_per_lattice_cell(options.kind) as f64),
+        Polycube::Voxels(..) => None,
+    };
+    let size = size.map_or(options.size, CellSize::Length);
     let (fit, remeshed) = carried(&boundary, size, options, progress)?;
     Ok(Hexmesh {
-        polycube: HexmeshPolycube::Deformed(Box::new(polycube), simplified),
+        polycube,
         fit,
         remeshed,
     })
@@ -423,14 +309,6 @@ fn lattice_of(options: &HexmeshOptions) -> CellSize {
     match options.size {
         CellSize::Along(count) => CellSize::Along(count.div_ceil(boxes)),
         CellSize::Length(length) => CellSize::Length(boxes as f64 * length),
-    }
-}
-
-/// The lattice's own size where the polycube's planes are on it.
-fn cell_size(options: &HexmeshOptions, polycube: &PolycubeMap) -> CellSize {
-    match polycube.report.lattice {
-        Some(size) => CellSize::Length(size / boxes_per_lattice_cell(options.kind) as f64),
-        None => options.size,
     }
 }
 

@@ -9,6 +9,7 @@ use crate::baseline::test_meshes;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::topology::Topology;
 use crate::mesh::{CellList, SurfaceMesh};
+use crate::polycube::{MakePolycubeError, PolycubeMap};
 use crate::remesh::invalid_cells;
 
 fn options(kind: CellKind, cells: usize) -> HexmeshOptions {
@@ -21,8 +22,8 @@ fn options(kind: CellKind, cells: usize) -> HexmeshOptions {
 
 fn deformed(made: &Hexmesh) -> &PolycubeMap {
     match &made.polycube {
-        HexmeshPolycube::Deformed(polycube, _) => polycube,
-        HexmeshPolycube::Voxels(..) => panic!("voxels"),
+        Polycube::Deformed(polycube, _) => polycube,
+        Polycube::Voxels(..) => panic!("voxels"),
     }
 }
 
@@ -54,7 +55,7 @@ fn a_ring_gets_voxels_with_a_handle() {
         ..options(CellKind::Hexes, 20)
     };
     let made = make_hexmesh(&torus, &voxels, &|_| {}).unwrap();
-    assert!(matches!(&made.polycube, HexmeshPolycube::Voxels(_, report) if report.missed == 0));
+    assert!(matches!(&made.polycube, Polycube::Voxels(_, report) if report.missed == 0));
     assert_eq!(made.faults(), 0);
     require_boundary_on(&torus, &made, 1, 0.1);
 }
@@ -73,9 +74,9 @@ fn a_large_ring_is_simplified_too_and_one_of_twice_the_vertices_is_not() {
         ..simplified.clone()
     };
     let own = make_hexmesh(&torus, &kept, &|_| {}).unwrap();
-    assert!(matches!(own.polycube, HexmeshPolycube::Deformed(_, None)));
+    assert!(matches!(own.polycube, Polycube::Deformed(_, None)));
     let made = make_hexmesh(&torus, &simplified, &|_| {}).unwrap();
-    let HexmeshPolycube::Deformed(_, Some(report)) = &made.polycube else {
+    let Polycube::Deformed(_, Some(report)) = &made.polycube else {
         panic!("not simplified");
     };
     assert!(report.of == vertices && report.vertices < vertices, "{report:?}");
@@ -100,7 +101,7 @@ fn a_large_model_is_simplified_and_its_mesh_is_on_the_model_itself() {
         ..options(CellKind::Hexes, 8)
     };
     let made = make_hexmesh(&model, &simplified, &|_| {}).unwrap();
-    let HexmeshPolycube::Deformed(polycube, Some(report)) = &made.polycube else {
+    let Polycube::Deformed(polycube, Some(report)) = &made.polycube else {
         panic!("not simplified");
     };
     assert!(report.of == vertices && report.vertices < vertices, "{report:?}");
@@ -116,7 +117,7 @@ fn a_large_model_is_simplified_and_its_mesh_is_on_the_model_itself() {
         vertices
     );
     let stopped = |phase| match phase {
-        HexmeshPhase::Simplifying => ControlFlow::Break(()),
+        HexmeshPhase::Polycube(ModelPolycubePhase::Simplifying) => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     };
     assert!(make_hexmesh(&model, &simplified, &stopped).unwrap_err().is_cancelled());
@@ -175,8 +176,8 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
     let wanted = options(CellKind::Hexes, 6);
     let order = RefCell::new(vec![]);
     let number = |phase: &HexmeshPhase| match phase {
-        HexmeshPhase::Polycube(_) => 0,
-        HexmeshPhase::Simplifying | HexmeshPhase::Pairing(_) => panic!("voxels, or simplified"),
+        HexmeshPhase::Polycube(ModelPolycubePhase::Deforming(_)) => 0,
+        HexmeshPhase::Polycube(_) => panic!("voxels, or simplified"),
         HexmeshPhase::Fitting(_) => 1,
         HexmeshPhase::Remeshing(_) => 2,
     };
@@ -203,7 +204,7 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
         };
         let error = make_hexmesh(&model, &wrong, &|_| {}).unwrap_err();
         assert!(
-            matches!(error, HexmeshError::Polycube(MakePolycubeError::Lattice(_))),
+            matches!(&error, HexmeshError::Polycube(error) if is_lattice(error)),
             "{error}"
         );
     }
@@ -222,7 +223,10 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
         ..wanted.clone()
     };
     let error = make_hexmesh(&flat, &voxels, &|_| {}).unwrap_err();
-    assert!(matches!(error, HexmeshError::NoVolume), "{error}");
+    assert!(
+        matches!(error, HexmeshError::Polycube(ModelPolycubeError::NoVolume)),
+        "{error}"
+    );
     let few = HexmeshOptions {
         most_cells: 10,
         ..wanted
@@ -232,6 +236,14 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
         matches!(error, HexmeshError::Remesh(RemeshError::TooMany { .. })),
         "{error}"
     );
+}
+
+fn is_lattice(error: &ModelPolycubeError) -> bool {
+    matches!(error, ModelPolycubeError::Deformation(MakePolycubeError::Lattice(_)))
+}
+
+fn is_without_labels(error: &ModelPolycubeError) -> bool {
+    matches!(error, ModelPolycubeError::Deformation(MakePolycubeError::NoLabels))
 }
 
 /// No deformation is tried.
@@ -252,7 +264,7 @@ fn voxels_take_over_where_no_deformation_is_found() {
         let wanted = without_attempts(options(kind, 16));
         let made = make_hexmesh(&ball, &wanted, &|_| {}).unwrap();
         assert_eq!(made.faults(), 0);
-        let HexmeshPolycube::Voxels(polycube, report) = &made.polycube else {
+        let Polycube::Voxels(polycube, report) = &made.polycube else {
             panic!("{kind:?}: no voxels")
         };
         assert_eq!((report.missed, report.voxels), (0, polycube.voxels.len()));
@@ -267,7 +279,7 @@ fn voxels_take_over_where_no_deformation_is_found() {
         ..without_attempts(options(CellKind::Hexes, 8))
     };
     let error = make_hexmesh(&ball, &only, &|_| {}).unwrap_err();
-    assert!(matches!(error, HexmeshError::Polycube(MakePolycubeError::NoLabels)));
+    assert!(matches!(&error, HexmeshError::Polycube(error) if is_without_labels(error)));
     let voxels = HexmeshOptions {
         polycube_kind: PolycubeKind::Voxels,
         ..options(CellKind::Hexes, 8)
@@ -286,10 +298,7 @@ fn voxels_take_over_where_no_deformation_is_found() {
     else {
         panic!("{error}")
     };
-    assert!(matches!(
-        **deformed,
-        HexmeshError::Polycube(MakePolycubeError::NoLabels)
-    ));
+    assert!(is_without_labels(deformed));
     assert!(
         matches!(**other, HexmeshError::Remesh(RemeshError::TooMany { .. })),
         "{other}"
@@ -297,7 +306,7 @@ fn voxels_take_over_where_no_deformation_is_found() {
     for stop in [0, 2, 9] {
         let calls = RefCell::new(0);
         let cancel = |phase: HexmeshPhase| {
-            *calls.borrow_mut() += usize::from(matches!(phase, HexmeshPhase::Pairing(_)));
+            *calls.borrow_mut() += usize::from(matches!(phase, HexmeshPhase::Polycube(ModelPolycubePhase::Pairing(_))));
             let is_late = *calls.borrow() > stop;
             if is_late {
                 ControlFlow::Break(())

@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
-use solidmap::hexmesh::{MAX_DISTANCE, MOST_VERTICES, PolycubeKind, TOLERANCE};
+use clap::Args;
+use solidmap::hexmesh::{MAX_DISTANCE, TOLERANCE};
+use solidmap::model_polycube::MOST_VERTICES;
 use solidmap::remesh::RemeshOptions;
 
 use super::places::PlacesArgs;
-use super::polycube::{OrientArgs, SmoothnessArgs};
+use super::polycube::{OrientArgs, PolycubeChoice, SmoothnessArgs};
 use super::remesh::{CellShape, RepairArgs};
 use super::section::UpKind;
 use super::view::PageSizeArgs;
@@ -76,26 +77,4 @@ pub struct HexmeshArgs {
     pub up: UpKind,
     #[command(flatten)]
     pub places: PlacesArgs,
-}
-
-/// Where the polycube of `hexmesh` comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PolycubeChoice {
-    /// The model, deformed; voxels, if the first attempt leads to no valid mesh (with two handles or more: if none does), or, with one
-    /// handle at most, if its cells are poor and those by voxels better
-    Auto,
-    /// The model, deformed until each of its triangles lies across an axis. Any genus
-    Deformed,
-    /// Voxels that fill the model, their boundary mapped to the model's
-    Voxels,
-}
-
-impl From<PolycubeChoice> for PolycubeKind {
-    fn from(choice: PolycubeChoice) -> Self {
-        match choice {
-            PolycubeChoice::Auto => Self::Auto,
-            PolycubeChoice::Deformed => Self::Deformed,
-            PolycubeChoice::Voxels => Self::Voxels,
-        }
-    }
 }

@@ -103,7 +103,7 @@ pub enum Command {
     Bijective(BijectiveArgs),
     /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
     Transfer(TransferArgs),
-    /// Make a polycube of a model, with the model's triangles, for `fit` and `remesh`
+    /// Make a polycube of a model, with the map from its boundary to the model's, for `fit` and `remesh`
     Polycube(PolycubeArgs),
     /// Mesh a model with hexahedra: its polycube, the map from it, and the polycube's cells in the model
     Hexmesh(HexmeshArgs),

@@ -8,11 +8,10 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{Fit, FitOptions, FitReport};
-use solidmap::hexmesh::{
-    Hexmesh, HexmeshOptions, HexmeshPhase, HexmeshPolycube, SimplifiedReport, VoxelReport, make_hexmesh,
-};
+use solidmap::hexmesh::{Hexmesh, HexmeshOptions, HexmeshPhase, make_hexmesh};
 use solidmap::io;
-use solidmap::polycube::{PolycubeMap, PolycubeOptions, PolycubeReport};
+use solidmap::model_polycube::Polycube;
+use solidmap::polycube::{PolycubeMap, PolycubeOptions};
 use solidmap::remesh::{CellSize, RemeshOptions};
 
 use crate::CommandOutcome;
@@ -23,10 +22,9 @@ use crate::shared::json::{FileName, file_name};
 use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, write_file, written_row};
 use crate::shared::places::with_places;
+use crate::shared::polycubes::{self, PolycubeSummary};
 use crate::shared::remeshing::remesh_options;
-use crate::shared::{
-    boundary_map, carried_mesh_file, carried_mesh_picture, fitting, input, mesh_page, page, polycubes, remeshing,
-};
+use crate::shared::{carried_mesh_file, carried_mesh_picture, fitting, input, mesh_page, page, remeshing};
 
 /// Extensions of meshes that can be written.
 const OUTPUTS: [&str; 4] = ["msh", "mesh", "vtu", "vtk"];
@@ -70,12 +68,8 @@ struct HexmeshSummary {
     page: Option<FileName>,
     /// Why no polycube was found.
     problem: Option<String>,
-    /// None where the polycube is one of voxels.
-    polycube: Option<PolycubeReport>,
-    /// The simplified model that was deformed; none where it was the model itself.
-    simplified: Option<SimplifiedReport>,
-    /// None where it is not.
-    voxels: Option<VoxelReport>,
+    #[serde(flatten)]
+    polycube: PolycubeSummary,
     fit: Option<FitReport>,
     /// As `remesh` reports it.
     mesh: Option<CarriedMeshReport>,
@@ -120,9 +114,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     let options = options(args);
     let attempt = Cell::new(1);
     let progress = |phase| match phase {
-        HexmeshPhase::Simplifying => output.progress("simplifying"),
         HexmeshPhase::Polycube(phase) => polycubes::show_phase(phase, &attempt, output),
-        HexmeshPhase::Pairing(phase) => boundary_map::show_phase(phase, output),
         HexmeshPhase::Fitting(phase) => fitting::show_phase(phase, "", output),
         HexmeshPhase::Remeshing(phase) => remeshing::show_phase(phase, "", output),
     };
@@ -138,9 +130,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
         picture: None,
         page: None,
         problem: None,
-        polycube: None,
-        simplified: None,
-        voxels: None,
+        polycube: PolycubeSummary::default(),
         fit: None,
         mesh: None,
         seconds: start.elapsed().as_secs_f64(),
@@ -223,11 +213,11 @@ fn written(
         remeshed,
     } = made;
     carried_mesh_file::write(&args.output, &remeshed, &remeshed.images, &origin)?;
-    let (deformed, simplified, voxels) = match polycube {
-        HexmeshPolycube::Deformed(found, simplified) => (Some(found), simplified, None),
-        HexmeshPolycube::Voxels(_, report) => (None, None, Some(*report)),
+    let deformed = match &polycube {
+        Polycube::Deformed(found, _) => Some(found.as_ref()),
+        Polycube::Voxels(..) => None,
     };
-    if deformed.as_ref().is_some_and(|found| found.report.lattice.is_none()) {
+    if deformed.is_some_and(|found| found.report.lattice.is_none()) {
         output.warn(
             "no polycube was found with its faces on the lattice of the cells: between faces that are close there are thin \
              cells. Smaller cells may help",
@@ -256,7 +246,7 @@ fn written(
         ));
     }
     if let Some(folder) = &args.keep {
-        keep(folder, deformed.as_deref(), &fit)?;
+        keep(folder, deformed, &fit)?;
         carried_mesh_file::write(&folder.join(Kept::DOMAIN), &remeshed, remeshed.mesh.nodes(), &origin)?;
         let file = MapFile {
             map: fit.map,
@@ -280,9 +270,7 @@ fn written(
         keep: file_name(args.keep.as_ref()),
         picture: file_name(picture.map(|(path, _)| path)),
         page: file_name(args.html.as_ref()),
-        polycube: deformed.map(|found| found.report),
-        simplified: simplified.map(|report| *report),
-        voxels,
+        polycube: PolycubeSummary::of(&polycube),
         fit: Some(fit.report),
         mesh: Some(mesh),
         peak_rss_bytes: peak_rss_bytes(),
@@ -308,41 +296,8 @@ fn keep(folder: &Path, polycube: Option<&PolycubeMap>, fit: &Fit) -> anyhow::Res
     Ok(())
 }
 
-fn voxel_rows(report: &VoxelReport) -> [[String; 2]; 2] {
-    let missed = match report.missed {
-        0 => String::new(),
-        count => format!("; {count} vertices of the model are farther than a voxel from them"),
-    };
-    let polycube = format!(
-        "{} voxels of {}, {} along each{missed}",
-        report.voxels,
-        significant(report.size, 4),
-        match report.cells {
-            1 => "1 cell".into(),
-            count => format!("{count} cells"),
-        }
-    );
-    [
-        ["polycube".into(), polycube],
-        ["distortion".into(), polycubes::distortion(&report.distortion)],
-    ]
-}
-
 fn rows(summary: &HexmeshSummary) -> Vec<[String; 2]> {
-    let mut rows = summary.polycube.as_ref().map_or(vec![], polycubes::rows);
-    if let Some(simplified) = &summary.simplified {
-        rows.push([
-            "simplified".into(),
-            format!(
-                "the polycube is that of a surface of {} of the model's {} vertices",
-                simplified.vertices, simplified.of
-            ),
-        ]);
-        rows.push(["onto the model".into(), polycubes::distortion(&simplified.distortion)]);
-    }
-    if let Some(voxels) = &summary.voxels {
-        rows.extend(voxel_rows(voxels));
-    }
+    let mut rows = summary.polycube.rows();
     if let Some(fit) = &summary.fit {
         rows.push([
             "fit".into(),

@@ -5,24 +5,24 @@ use std::iter;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files;
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::TetMesh;
-use solidmap::polycube::{
-    BadPlace, BestAttempt, MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport, make_polycube,
-    make_polycube_with_labels,
+use solidmap::model_polycube::{
+    ModelPolycube, ModelPolycubeError, ModelPolycubeOptions, Polycube, PolycubeKind, make_model_polycube,
 };
+use solidmap::polycube::{BadPlace, BestAttempt, MakePolycubeError, PolycubeOptions, make_polycube_with_labels};
 use solidmap::remesh::CellSize;
-use solidmap::spherical::require_genus_0;
 
+use super::boundary::write;
 use crate::CommandOutcome;
-use crate::args::PolycubeArgs;
-use crate::shared::input;
+use crate::args::{BoundaryOutputs, PolycubeArgs};
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, written_row};
-use crate::shared::polycubes::{self, Model, model, show_phase};
+use crate::shared::polycubes::{Model, PolycubeSummary, model, show_deformation, show_phase};
+use crate::shared::{input, page};
 
 /// What `polycube --json` prints.
 #[derive(Serialize)]
@@ -31,17 +31,21 @@ struct Summary {
     /// None where no polycube was found.
     output: Option<FileName>,
     image: Option<FileName>,
+    boundary_file: Option<FileName>,
     tets: Option<FileName>,
     model_tets: Option<FileName>,
     labels: Option<FileName>,
     model_labels: Option<FileName>,
+    png: Option<FileName>,
+    page: Option<FileName>,
     /// None where a polycube was found, or no attempt came to tetrahedra.
     best_attempt: Option<FileName>,
     /// Why no polycube was found.
     problem: Option<String>,
     /// Where it has bad cells.
     bad_places: Vec<BadPlace>,
-    polycube: Option<PolycubeReport>,
+    #[serde(flatten)]
+    found: PolycubeSummary,
     #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
     peak_rss_bytes: u64,
@@ -50,14 +54,17 @@ struct Summary {
 /// Makes the polycube, and writes it and the model.
 pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let (surface, tets): (&[&str], &[&str]) = (&["obj", "ply"], &["mesh", "vtk", "vtu"]);
-    let outputs: [(Option<&PathBuf>, &[&str]); 7] = [
+    let outputs: [(Option<&PathBuf>, &[&str]); 10] = [
         (Some(&args.output), surface),
         (Some(&args.image), surface),
+        (args.boundary.as_ref(), &["safetensors"]),
         (args.tets.as_ref(), tets),
         (args.model_tets.as_ref(), tets),
         (args.best_attempt.as_ref(), &["vtu", "vtk"]),
         (args.write_labels.as_ref(), &[]),
         (args.write_model_labels.as_ref(), &[]),
+        (args.png.as_ref(), &["png"]),
+        (args.html.as_ref(), &page::EXTENSIONS),
     ];
     let inputs: Vec<&Path> = iter::once(&args.model)
         .chain(&args.labels)
@@ -67,36 +74,29 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     output.progress("reading");
     let start = Instant::now();
     let Model { mesh, triangles } = model(&args.model, output)?;
-    let options = PolycubeOptions {
-        smoothness: args.smoothness.smoothness,
-        lattice: args.lattice.map(CellSize::Length),
-        orientation: args.orient.orient.into(),
-        ..PolycubeOptions::default()
-    };
     let attempt = Cell::new(1);
-    let show = |phase| show_phase(phase, &attempt, output);
-    let labels = args
-        .labels
-        .as_ref()
-        .map(|file| read_labels(file, &triangles, &args.model));
-    let made = match labels.transpose()? {
-        Some(labels) => make_polycube_with_labels(&mesh, &labels, &options, &show),
-        None => make_polycube(&mesh, &options, &show),
+    let options = options(args)?;
+    let made = match &args.labels {
+        Some(file) => {
+            let labels = read_labels(file, &triangles, &args.model)?;
+            let show = |phase| show_deformation(phase, &attempt, output);
+            let made = make_polycube_with_labels(&mesh, &labels, &options.deformation, &show);
+            made.map_err(ModelPolycubeError::from)
+                .and_then(|made| Ok(ModelPolycube::of_deformed(made)?))
+        }
+        None => make_model_polycube(&mesh, &options, &|phase| show_phase(phase, &attempt, output)),
     };
     let (found, failed) = match made {
         Ok(found) => (Some(found), None),
-        Err(error @ (MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels)) => (None, Some(error)),
+        Err(error) if error.is_without_polycube() => (None, Some(error)),
         Err(error) => return Err(unusable(error, args)),
     };
     let seconds = start.elapsed().as_secs_f64();
-    let problem = failed.as_ref().map(|error| problem(error, &mesh));
-    let best = match &failed {
-        Some(MakePolycubeError::NotFound { best, .. }) => Some(best.as_ref()),
-        _ => None,
-    };
+    let problem = failed.as_ref().map(|error| problem(error, options.kind));
+    let best = failed.as_ref().and_then(best_attempt_of);
     let best_attempt = args.best_attempt.as_ref().filter(|_| best.is_some());
     if let Some(found) = &found {
-        write(found, &triangles, args, output)?;
+        write_all(found, &mesh, &triangles, args, output)?;
     }
     if let Some((file, best)) = best_attempt.zip(best) {
         write_attempt(file, best)?;
@@ -110,7 +110,7 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         output.warn(format!("{written}: {problem}"));
     }
     let is_written = found.is_some();
-    let is_on_lattice = args.lattice.is_none() || found.as_ref().is_some_and(|found| found.report.lattice.is_some());
+    let is_on_lattice = args.lattice.is_none() || found.as_ref().is_some_and(is_on_lattice);
     if is_written && !is_on_lattice {
         output.warn(
             "no polycube was found with its planes on this lattice; one that is not on it was written. Smaller cells of the \
@@ -122,14 +122,17 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         model: (&args.model).into(),
         output: written(Some(&args.output)),
         image: written(Some(&args.image)),
+        boundary_file: written(args.boundary.as_ref()),
         tets: written(args.tets.as_ref()),
         model_tets: written(args.model_tets.as_ref()),
         labels: written(args.write_labels.as_ref()),
         model_labels: written(args.write_model_labels.as_ref()),
+        png: written(args.png.as_ref()),
+        page: written(args.html.as_ref()),
         best_attempt: file_name(best_attempt),
         problem,
         bad_places: best.map(|best| best.places.clone()).unwrap_or_default(),
-        polycube: found.map(|found| found.report),
+        found: found.map_or(PolycubeSummary::default(), |found| PolycubeSummary::of(&found.polycube)),
         seconds,
         peak_rss_bytes: peak_rss_bytes(),
     };
@@ -137,12 +140,55 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     Ok(CommandOutcome::from_check(is_written && is_on_lattice))
 }
 
+/// The library's options: tetrahedra that are asked for are those of a deformation.
+fn options(args: &PolycubeArgs) -> anyhow::Result<ModelPolycubeOptions> {
+    let has_tets = args.tets.is_some() || args.model_tets.is_some();
+    let kind = match args.polycube.into() {
+        PolycubeKind::Auto if has_tets => PolycubeKind::Deformed,
+        kind => kind,
+    };
+    ensure!(
+        kind != PolycubeKind::Voxels || !has_tets,
+        "a polycube of voxels has no tetrahedra; leave out --tets and --model-tets, or --polycube voxels"
+    );
+    Ok(ModelPolycubeOptions {
+        kind,
+        most_vertices: args.max_vertices,
+        deformation: PolycubeOptions {
+            smoothness: args.smoothness.smoothness,
+            lattice: args.lattice.map(CellSize::Length),
+            orientation: args.orient.orient.into(),
+            ..PolycubeOptions::default()
+        },
+    })
+}
+
+/// Voxels are made on the lattice.
+fn is_on_lattice(found: &ModelPolycube) -> bool {
+    match &found.polycube {
+        Polycube::Deformed(found, _) => found.report.lattice.is_some(),
+        Polycube::Voxels(..) => true,
+    }
+}
+
 /// Why no polycube was found, and what can be done.
-fn problem(error: &MakePolycubeError, model: &TetMesh) -> String {
-    // A model without handles has another kind of polycube.
-    match require_genus_0(&model.boundary().surface) {
-        Ok(_) => format!("{error}. `solidmap hexmesh --polycube voxels` makes hexahedra of this model all the same"),
-        Err(_) => error.to_string(),
+fn problem(error: &ModelPolycubeError, kind: PolycubeKind) -> String {
+    match (error, kind) {
+        (ModelPolycubeError::Deformation(_), PolycubeKind::Deformed) => {
+            format!("{error}. `--polycube voxels` makes another kind of polycube")
+        }
+        (ModelPolycubeError::Neither { .. }, _) => {
+            format!("{error}. `--polycube deformed` makes more attempts at a deformation")
+        }
+        _ => error.to_string(),
+    }
+}
+
+fn best_attempt_of(error: &ModelPolycubeError) -> Option<&BestAttempt> {
+    match error {
+        ModelPolycubeError::Deformation(MakePolycubeError::NotFound { best, .. }) => Some(best),
+        ModelPolycubeError::Neither { deformed, .. } => best_attempt_of(deformed),
+        _ => None,
     }
 }
 
@@ -164,50 +210,83 @@ fn read_labels(file: &Path, triangles: &[[u32; 3]], model: &Path) -> anyhow::Res
 }
 
 /// The error for a model, or for labels, that cannot be used.
-fn unusable(error: MakePolycubeError, args: &PolycubeArgs) -> anyhow::Error {
+fn unusable(error: ModelPolycubeError, args: &PolycubeArgs) -> anyhow::Error {
     let file = match (&error, &args.labels) {
         // There is a line for each triangle.
-        (MakePolycubeError::Labels { triangle, .. }, Some(labels)) => {
+        (ModelPolycubeError::Deformation(MakePolycubeError::Labels { triangle, .. }), Some(labels)) => {
             format!("cannot use line {} of `{}`", triangle + 1, labels.display())
         }
-        (MakePolycubeError::MirroredLabels, Some(labels)) => format!("cannot use `{}`", labels.display()),
+        (ModelPolycubeError::Deformation(MakePolycubeError::MirroredLabels), Some(labels)) => {
+            format!("cannot use `{}`", labels.display())
+        }
+        (ModelPolycubeError::Voxels(_), _) => format!("cannot fill `{}` with voxels", args.model.display()),
         _ => format!("cannot use `{}`", args.model.display()),
     };
     anyhow::Error::new(error).context(file)
 }
 
-fn write(found: &PolycubeMap, triangles: &[[u32; 3]], args: &PolycubeArgs, output: &Output) -> anyhow::Result<()> {
+/// Writes what is asked for; `triangles` are those of the file by their nodes in `mesh`.
+fn write_all(
+    found: &ModelPolycube,
+    mesh: &TetMesh,
+    triangles: &[[u32; 3]],
+    args: &PolycubeArgs,
+    output: &Output,
+) -> anyhow::Result<()> {
     output.progress("writing");
-    let [polycube, model] = found.surfaces();
-    io::write_surface(&args.output, &polycube)?;
-    io::write_surface(&args.image, &model)?;
-    for (file, mesh) in [(&args.tets, &found.polycube), (&args.model_tets, &found.model)] {
-        if let Some(file) = file {
-            io::write_tets(file, mesh)?;
+    let of_map = BoundaryOutputs {
+        output: args.image.clone(),
+        boundary: args.boundary.clone(),
+        png: args.png.clone(),
+        vtu: None,
+        html: args.html.clone(),
+        page: args.page.clone(),
+        up: args.up,
+    };
+    write::outputs(
+        &found.boundary,
+        None,
+        &of_map,
+        &[("model", &args.model)],
+        args.up,
+        output,
+    )?;
+    io::write_surface(&args.output, found.boundary.domain())?;
+    if let Polycube::Deformed(made, _) = &found.polycube {
+        for (file, mesh) in [(&args.tets, &made.polycube), (&args.model_tets, &made.model)] {
+            if let Some(file) = file {
+                io::write_tets(file, mesh)?;
+            }
         }
     }
     if let Some(file) = &args.write_labels {
-        io::write_triangle_labels(file, &found.labels)?;
+        io::write_triangle_labels(file, &found.labels())?;
     }
     if let Some(file) = &args.write_model_labels {
-        let labels = found.given_labels_of(triangles);
-        io::write_triangle_labels(file, &labels)?;
+        let labels = found.labels_of(mesh, triangles);
+        io::write_triangle_labels(
+            file,
+            &labels.context("the model has triangles that are not on its boundary")?,
+        )?;
     }
     Ok(())
 }
 
 fn rows(report: &Summary) -> Vec<[String; 2]> {
-    let mut rows = report.polycube.as_ref().map_or(vec![], polycubes::rows);
+    let mut rows = report.found.rows();
     rows.push(["time".into(), format!("{:.1} s", report.seconds)]);
     rows.push(memory_row(report.peak_rss_bytes));
     if report.output.is_some() {
         let files = [
             &report.output,
             &report.image,
+            &report.boundary_file,
             &report.tets,
             &report.model_tets,
             &report.labels,
             &report.model_labels,
+            &report.png,
+            &report.page,
         ];
         rows.push(written_row(files.map(Option::as_ref)));
     }

@@ -4,14 +4,16 @@ use std::cell::Cell;
 use std::path::Path;
 
 use anyhow::Context;
+use serde::Serialize;
 use solidmap::boundary_map::{DistortionQuantiles, SurfaceDistortion};
 use solidmap::io::SolidMesh;
 use solidmap::mesh::TetMesh;
+use solidmap::model_polycube::{ModelPolycubePhase, Polycube, SimplifiedReport, VoxelReport};
 use solidmap::polycube::{LabelSource, PolycubePhase, PolycubeReport};
 
 use super::bijective::own_tets;
-use super::input;
 use super::output::Output;
+use super::{boundary_map, input};
 use crate::drawing::significant;
 
 /// A model that is filled with tetrahedra.
@@ -66,7 +68,16 @@ fn filled(_: &Path) -> anyhow::Result<TetMesh> {
 }
 
 /// Shows a phase of the making of a polycube; `attempt` keeps the number of the attempt.
-pub fn show_phase(phase: PolycubePhase, attempt: &Cell<usize>, output: &Output) {
+pub fn show_phase(phase: ModelPolycubePhase, attempt: &Cell<usize>, output: &Output) {
+    match phase {
+        ModelPolycubePhase::Simplifying => output.progress("simplifying"),
+        ModelPolycubePhase::Deforming(phase) => show_deformation(phase, attempt, output),
+        ModelPolycubePhase::Pairing(phase) => boundary_map::show_phase(phase, output),
+    }
+}
+
+/// Shows a phase of a deformation.
+pub fn show_deformation(phase: PolycubePhase, attempt: &Cell<usize>, output: &Output) {
     match phase {
         PolycubePhase::Attempting { attempt: number } => attempt.set(number),
         PolycubePhase::Labelling { round } => {
@@ -79,8 +90,75 @@ pub fn show_phase(phase: PolycubePhase, attempt: &Cell<usize>, output: &Output) 
     }
 }
 
-/// The lines about a polycube.
-pub fn rows(found: &PolycubeReport) -> Vec<[String; 2]> {
+/// What the reports say of a polycube.
+#[derive(Default, Serialize)]
+pub struct PolycubeSummary {
+    /// None where it consists of voxels, and where none was found.
+    pub polycube: Option<PolycubeReport>,
+    /// The simplified model that was deformed; none where it was the model itself.
+    pub simplified: Option<SimplifiedReport>,
+    /// None where it does not consist of voxels.
+    pub voxels: Option<VoxelReport>,
+}
+
+impl PolycubeSummary {
+    /// Of this one.
+    pub fn of(found: &Polycube) -> Self {
+        match found {
+            Polycube::Deformed(found, simplified) => Self {
+                polycube: Some(found.report.clone()),
+                simplified: simplified.as_deref().cloned(),
+                voxels: None,
+            },
+            Polycube::Voxels(_, report) => Self {
+                voxels: Some(report.as_ref().clone()),
+                ..Self::default()
+            },
+        }
+    }
+
+    /// The lines of the summary.
+    pub fn rows(&self) -> Vec<[String; 2]> {
+        let mut rows = self.polycube.as_ref().map_or(vec![], deformed_rows);
+        if let Some(simplified) = &self.simplified {
+            rows.push([
+                "simplified".into(),
+                format!(
+                    "the polycube is that of a surface of {} of the model's {} vertices",
+                    simplified.vertices, simplified.of
+                ),
+            ]);
+            rows.push(["onto the model".into(), distortion(&simplified.distortion)]);
+        }
+        if let Some(voxels) = &self.voxels {
+            rows.extend(voxel_rows(voxels));
+        }
+        rows
+    }
+}
+
+fn voxel_rows(report: &VoxelReport) -> [[String; 2]; 2] {
+    let missed = match report.missed {
+        0 => String::new(),
+        count => format!("; {count} vertices of the model are farther than a voxel from them"),
+    };
+    let polycube = format!(
+        "{} voxels of {}, {} along each{missed}",
+        report.voxels,
+        significant(report.size, 4),
+        match report.cells {
+            1 => "1 cell".into(),
+            count => format!("{count} cells"),
+        }
+    );
+    [
+        ["polycube".into(), polycube],
+        ["distortion".into(), distortion(&report.distortion)],
+    ]
+}
+
+/// The lines about a model that was deformed.
+fn deformed_rows(found: &PolycubeReport) -> Vec<[String; 2]> {
     let mut rows = vec![];
     let directions = match found.labels {
         LabelSource::Cut => format!("graph cut with smoothness {}", found.smoothness),
@@ -116,14 +194,14 @@ pub fn rows(found: &PolycubeReport) -> Vec<[String; 2]> {
             found.tets - found.tets_given
         ),
     ]);
-    if let Some(distortion) = &found.distortion {
-        rows.push(["distortion".into(), self::distortion(distortion)]);
+    if let Some(found) = &found.distortion {
+        rows.push(["distortion".into(), distortion(found)]);
     }
     rows
 }
 
 /// The distortion of the boundary in words.
-pub fn distortion(found: &SurfaceDistortion) -> String {
+fn distortion(found: &SurfaceDistortion) -> String {
     let of = |q: &DistortionQuantiles| format!("{:.2}, {:.2}, {:.2}", q.p50, q.p90, q.p99);
     format!(
         "ratio of stretches {}, of areas {} (50, 90 and 99 % of the area)",

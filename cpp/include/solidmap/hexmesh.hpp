@@ -3,28 +3,16 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
-#include <optional>
 
 #include "solidmap/fit.hpp"
 #include "solidmap/harmonic_map.hpp"
 #include "solidmap/mesh.hpp"
+#include "solidmap/model_polycube.hpp"
 #include "solidmap/polycube.hpp"
 #include "solidmap/progress.hpp"
 #include "solidmap/solids.hpp"
 
 namespace solidmap {
-
-/// Where the polycube of make_hexmesh() comes from.
-enum class PolycubeKind : std::uint8_t {
-  /// A deformation of the model if one attempt finds one that leads to a valid mesh (with two handles or more: if any attempt
-  /// does), else voxels.
-  automatic,
-  /// The model, deformed, as by make_polycube().
-  deformed,
-  /// Cubes of one size that fill the model and reach its limbs.
-  voxels,
-};
 
 /// How make_hexmesh() works.
 struct HexmeshOptions {
@@ -38,9 +26,9 @@ struct HexmeshOptions {
   /// How far a vertex of the model may be from the mesh, as a fraction of the model's diagonal, before another polycube
   /// is tried; positive.
   double max_distance = 0.05;
-  /// A model of genus 0 whose surface has more vertices, or one with handles with more than 2.5 times as many, is simplified, and its
-  /// polycube is that of the simplified one. The mesh's boundary is on the model itself.
+  /// As ModelPolycubeOptions::max_vertices. The mesh's boundary is on the model itself.
   std::size_t max_vertices = 6000;
+  /// Of a deformation and voxels that both lead to a mesh the better one, with PolycubeKind::automatic.
   PolycubeKind polycube_kind = PolycubeKind::automatic;
   /// How the model is deformed. The lattice is chosen by the size of the cells.
   PolycubeOptions polycube;
@@ -53,29 +41,6 @@ struct HexmeshOptions {
   static HexmeshOptions standard();
   /// FitOptions() with a tolerance of 0.002: boundary nodes are where the boundary map puts them, not the fitted one.
   static FitOptions standard_fit();
-};
-
-/// What is known of a simplified model.
-struct SimplifiedReport {
-  /// Vertices of its surface, and of the model's.
-  std::size_t vertices = 0;
-  std::size_t of = 0;
-  /// How its surface is distorted to the model's.
-  SurfaceDistortion distortion;
-};
-
-/// What is known of a polycube of voxels.
-struct VoxelReport {
-  std::size_t voxels = 0;
-  /// Their edge length, in model units, and cells of the mesh along an edge.
-  double size = 0;
-  std::size_t cells = 0;
-  /// Vertices of the model that are farther than a voxel from the polycube.
-  std::size_t missed = 0;
-  /// How many such polycubes were tried.
-  std::size_t tried = 0;
-  /// How the boundary is distorted from the polycube to the model.
-  SurfaceDistortion distortion;
 };
 
 /// A model's mesh of hexahedra or tetrahedra, and what it was made by.
@@ -92,12 +57,8 @@ struct Hexmesh {
   RemeshReport report;
   /// Pairs of boundary triangles that pass through each other, quads as two triangles.
   std::size_t crossings = 0;
-  /// The polycube, where it is the model, deformed, or a simplified one; else it consists of voxels, and this is what is known of
-  /// them. One of the two has a value.
-  std::optional<PolycubeMap> deformed;
-  std::optional<VoxelReport> voxels;
-  /// The simplified model that was deformed, where it was not the model itself.
-  std::optional<SimplifiedReport> simplified;
+  /// The polycube. Its boundary map is that of `map`.
+  ModelPolycube polycube;
 
   /// Whether no cell is inverted or flat, and no boundary triangles pass through each other.
   bool valid() const { return report.quality.inverted == 0 && crossings == 0; }
@@ -111,8 +72,8 @@ struct Hexmesh {
 /// the model, else the one with the fewest faults: cells that stay inverted are not an error, see Hexmesh::valid() and
 /// the report.
 ///
-/// A model of 50 000 tetrahedra takes 15 s to a minute on two cores. The steps are those of make_polycube(),
-/// BoundaryMap::pair() (for voxels and simplified models), fit() and remesh(); with a second polycube they begin again.
+/// A model of 50 000 tetrahedra takes 15 s to a minute on two cores. The steps are those of make_model_polycube(), fit() and
+/// remesh(); with a second polycube they begin again.
 ///
 /// Throws Error: numerical (no polycube was found), invalid_input (hexahedra, a model or option that cannot be used),
 /// memory (more cells or bytes than allowed), cancelled, and else as fit() and

@@ -23,6 +23,7 @@
 #include "solidmap/harmonic_map.hpp"
 #include "solidmap/hexmesh.hpp"
 #include "solidmap/mesh.hpp"
+#include "solidmap/model_polycube.hpp"
 #include "solidmap/polycube.hpp"
 #include "solidmap/progress.hpp"
 #include "solidmap/solids.hpp"

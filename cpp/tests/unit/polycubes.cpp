@@ -298,6 +298,18 @@ TEST_CASE("what has no polycube or hexahedra is an error with a category, and wo
   CHECK(hexmesh([](HexmeshOptions& o) { o.polycube.smoothness = -1; }) == "invalid_input");
   CHECK(hexmesh([](HexmeshOptions& o) { o.kind = static_cast<CellKind>(7); }) == "invalid_input");
   CHECK(hexmesh([](HexmeshOptions& o) { o.polycube_kind = static_cast<PolycubeKind>(3); }) == "invalid_input");
+
+  const auto model_polycube = [&](auto change) {
+    ModelPolycubeOptions options;
+    change(options);
+    return thrown_by([&] { make_model_polycube(model, options); });
+  };
+  CHECK(model_polycube([](ModelPolycubeOptions& o) { o.kind = static_cast<PolycubeKind>(3); }) == "invalid_input");
+  CHECK(model_polycube([](ModelPolycubeOptions& o) { o.deformation.smoothness = -1; }) == "invalid_input");
+  CHECK(model_polycube([](ModelPolycubeOptions& o) {
+          o.kind = PolycubeKind::deformed;
+          o.deformation.attempts = 0;
+        }) == "numerical");
   CHECK(hexmesh([](HexmeshOptions& o) {
           o.polycube_kind = PolycubeKind::deformed;
           o.polycube.attempts = 0;
@@ -382,15 +394,15 @@ TEST_CASE("an L of boxes is cut into hexahedra or tetrahedra by its polycube and
       CHECK(worst == doctest::Approx(made.report.quality.min_scaled_jacobian));
     }
 
-    REQUIRE(made.deformed.has_value());
-    CHECK(!made.voxels.has_value());
-    check_promises(*made.deformed, model);
-    CHECK(made.deformed->report.lattice.has_value());
+    REQUIRE(made.polycube.deformed.has_value());
+    CHECK(!made.polycube.voxels.has_value());
+    check_promises(*made.polycube.deformed, model);
+    CHECK(made.polycube.deformed->report.lattice.has_value());
     // The map carries the cells from the polycube to the model, up to the boundary error and the repair.
     const double diagonal = made.map.boundary().target_diagonal();
     const double allowed = made.map.boundary_error().max + made.report.largest_shift + made.report.largest_slide;
     CHECK(farthest(made.map.evaluate(made.domain_mesh.nodes()), made.mesh.nodes()) <= 1.1 * allowed * diagonal + 1e-3);
-    CHECK(made.map.boundary().domain().volume() == doctest::Approx(made.deformed->polycube_surface.volume()));
+    CHECK(made.map.boundary().domain().volume() == doctest::Approx(made.polycube.deformed->polycube_surface.volume()));
     double least_determinant = 1;
     for (const Matrix3& j : made.map.jacobian(made.domain_mesh.nodes())) {
       const double determinant = dot(cross({j[0], j[1], j[2]}, {j[3], j[4], j[5]}), {j[6], j[7], j[8]});
@@ -421,19 +433,43 @@ TEST_CASE("a step of any kind cancels the making of hexahedra, and voxels make t
   CHECK(thrown_by([&] {
           make_hexmesh(model, options, [](const Progress& progress) { return progress.step != "aligning"; });
         }) == "cancelled");
-  CHECK(!made.deformed.has_value());
-  REQUIRE(made.voxels.has_value());
-  CHECK(made.voxels->voxels == 24);
-  CHECK(made.voxels->size == doctest::Approx(0.5));
-  CHECK(made.voxels->cells == 1);
-  CHECK(made.voxels->missed == 0);
-  CHECK(made.voxels->tried == 1);
-  CHECK(made.voxels->distortion.angle_median >= 1.0);
+  CHECK(!made.polycube.deformed.has_value());
+  REQUIRE(made.polycube.voxels.has_value());
+  CHECK(made.polycube.voxels->voxels == 24);
+  CHECK(made.polycube.voxels->size == doctest::Approx(0.5));
+  CHECK(made.polycube.voxels->cells == 1);
+  CHECK(made.polycube.voxels->missed == 0);
+  CHECK(made.polycube.voxels->tried == 1);
+  CHECK(made.polycube.voxels->distortion.angle_median >= 1.0);
   CHECK(made.valid());
   CHECK(made.domain_mesh.boundary().surface.volume() == doctest::Approx(24 * 0.125));
   const auto [least, sum] = volumes(made.mesh, made.mesh.hexes());
   CHECK(least > 0);
   CHECK(sum == doctest::Approx(3.0).epsilon(0.05));
+}
+
+TEST_CASE("a polycube of a model comes with the map from its boundary, whether deformed or of voxels") {
+  const CellMesh model = boxes(an_l, 3);
+  for (const PolycubeKind kind : {PolycubeKind::automatic, PolycubeKind::voxels}) {
+    ModelPolycubeOptions options;
+    options.kind = kind;
+    options.deformation.lattice_length = 0.5;
+    const ModelPolycube made = make_model_polycube(model, options);
+    CHECK(made.deformed.has_value() == (kind == PolycubeKind::automatic));
+    CHECK(made.voxels.has_value() == (kind == PolycubeKind::voxels));
+    CHECK(!made.simplified.has_value());
+    const Surface polycube = made.boundary.domain();
+    const auto triangles = polycube.triangles();
+    const auto vertices = polycube.vertices();
+    REQUIRE(made.labels.size() == triangles.size());
+    for (std::size_t t = 0; t < triangles.size(); ++t) {
+      const std::size_t axis = made.labels[t] / 2;
+      const auto at = [&](int k) { return vertices[triangles[t][k]][axis]; };
+      CHECK((at(0) == at(1) && at(1) == at(2)));
+    }
+    CHECK(made.boundary.target_volume() == doctest::Approx(3.0));
+    if (made.deformed) check_promises(*made.deformed, model);
+  }
 }
 
 TEST_CASE("two rings joined have hexahedra by voxels, with both holes") {
@@ -443,7 +479,7 @@ TEST_CASE("two rings joined have hexahedra by voxels, with both holes") {
   options.polycube_kind = PolycubeKind::voxels;
   options.along = 10;
   const Hexmesh made = make_hexmesh(boxes(two_rings, 2), options);
-  REQUIRE(made.voxels.has_value());
+  REQUIRE(made.polycube.voxels.has_value());
   CHECK(made.valid());
   const auto surface = made.mesh.boundary().surface;
   const auto vertices = static_cast<long>(surface.vertices().size());

@@ -8,7 +8,7 @@ pub mod sphere;
 mod torus;
 mod unfold;
 mod unfold_page;
-mod write;
+pub mod write;
 
 use crate::CommandOutcome;
 use crate::args::BoundaryCommand;

@@ -5,10 +5,11 @@
 //! more of them. The simplified boundary is mapped to the model's through embeddings in the sphere, a flat torus or a hyperbolic surface, so that every point of
 //! the polycube's boundary has its point of the model's own, one to one.
 
-use super::{HexmeshError, HexmeshOptions, HexmeshPhase, Model};
+use super::{Model, ModelPolycubeError, ModelPolycubePhase};
 use crate::boundary_map::pair::{PairOptions, map_pair, over_surface};
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::mesh::{SurfaceMesh, TetMesh};
+use crate::polycube::MakePolycubeError;
 use crate::progress::ProgressControl;
 
 /// What is known of a simplified model.
@@ -26,13 +27,13 @@ pub struct SimplifiedReport {
 /// cannot.
 pub(super) fn simplified(
     model: &Model,
-    options: &HexmeshOptions,
-    progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
-) -> Result<Option<TetMesh>, HexmeshError> {
-    if progress(HexmeshPhase::Simplifying) == ProgressControl::Cancel {
-        return Err(crate::polycube::MakePolycubeError::Cancelled.into());
+    most_vertices: usize,
+    progress: &dyn Fn(ModelPolycubePhase) -> ProgressControl,
+) -> Result<Option<TetMesh>, ModelPolycubeError> {
+    if progress(ModelPolycubePhase::Simplifying) == ProgressControl::Cancel {
+        return Err(MakePolycubeError::Cancelled.into());
     }
-    Ok(filled(model, options))
+    Ok(filled(model, most_vertices))
 }
 
 /// Vertices of a simplified model, about: edges end somewhat shorter. For scale: with 6000 heads and a bunny take twice as long, and their
@@ -41,9 +42,9 @@ pub(super) fn simplified(
 const VERTICES: usize = 4000;
 
 #[cfg(feature = "native")]
-fn filled(model: &Model, options: &HexmeshOptions) -> Option<TetMesh> {
+fn filled(model: &Model, most_vertices: usize) -> Option<TetMesh> {
     use crate::cgal_tetgen::{TetOptions, remesh_isotropically, tetrahedralize};
-    let vertices = VERTICES.min(options.most_vertices);
+    let vertices = VERTICES.min(most_vertices);
     // Two triangles of side l, √3/4 l² each, for every vertex.
     let edge_length = (2.0 * model.surface.area() / (3f64.sqrt() * vertices as f64)).sqrt();
     let remeshed = remesh_isotropically(&model.surface, edge_length).ok()?;
@@ -54,7 +55,7 @@ fn filled(model: &Model, options: &HexmeshOptions) -> Option<TetMesh> {
 }
 
 #[cfg(not(feature = "native"))]
-fn filled(_: &Model, _: &HexmeshOptions) -> Option<TetMesh> {
+fn filled(_: &Model, _: usize) -> Option<TetMesh> {
     None
 }
 
@@ -63,13 +64,13 @@ pub(super) fn onto_model(
     polycube: SurfaceMesh,
     simplified: &SurfaceMesh,
     model: &SurfaceMesh,
-    progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
-) -> Result<(BoundaryMap, SimplifiedReport), HexmeshError> {
+    progress: &dyn Fn(ModelPolycubePhase) -> ProgressControl,
+) -> Result<(BoundaryMap, SimplifiedReport), ModelPolycubeError> {
     let in_place = PairOptions {
         aligned: true,
         ..PairOptions::default()
     };
-    let pairing = |phase| progress(HexmeshPhase::Pairing(phase));
+    let pairing = |phase| progress(ModelPolycubePhase::Pairing(phase));
     let (onto, pair) = map_pair(simplified, model, &in_place, &pairing)?;
     let report = SimplifiedReport {
         vertices: simplified.vertices().len(),
