@@ -266,6 +266,26 @@ fn labels_are_written_and_used_again() {
             assert!(first == second, "{labels}");
         }
     }
+    // Beside the surface in place of text.
+    for surface in ["given.ply", "given.obj"] {
+        let line =
+            format!("polycube bar.mesh -o q.obj --image n.obj --labels given.txt --write-model-labels {surface}");
+        place.ends_with(0, &line);
+        let found = io::read_surface(place.path(surface)).unwrap();
+        assert_eq!(found, io::read_surface(place.path("bar.obj")).unwrap());
+        let line =
+            format!("polycube bar.mesh -o q.obj --image n.obj --tets q.vtu --labels {surface} --write-labels l.ply");
+        place.ends_with(0, &line);
+        assert!(std::fs::read(place.path("p.obj")).unwrap() == std::fs::read(place.path("q.obj")).unwrap());
+        assert_eq!(
+            io::read_surface(place.path("l.ply")).unwrap(),
+            io::read_surface(place.path("m.obj")).unwrap()
+        );
+    }
+    place.fails(
+        "polycube bar.mesh -o q.obj --image n.obj --labels bar.obj",
+        &["bar.obj", "line", "+x"],
+    );
     // The image has triangles of its own, and their labels.
     if cfg!(feature = "native") {
         let report = place.report(0, "polycube m.obj -o q.obj --image n.obj --labels l.txt --json");

@@ -6,8 +6,8 @@
 //!
 //! | extension | read | written |
 //! |---|---|---|
-//! | `.obj` | surface | surface |
-//! | `.ply` | surface (text, binary; faces or strips) | surface (binary) |
+//! | `.obj` | surface; labels of a polycube's triangles | the same |
+//! | `.ply` | surface (text, binary; faces or strips); labels of a polycube's triangles | the same (binary) |
 //! | `.off` | surface | surface |
 //! | `.stl` | surface (text, binary) | no: it would lose the order of vertices |
 //! | `.mesh` | surface, tetrahedra, hexahedra | triangles, quads, tetrahedra, hexahedra; labels |
@@ -28,6 +28,7 @@ mod error;
 mod fields;
 mod gmsh;
 mod input;
+mod labelled_surface;
 mod medit;
 mod node_images;
 mod obj;
@@ -52,6 +53,7 @@ pub use atomic::{abandon_writes, atomic_write, sync_folder, try_abandon_writes};
 pub use cells::{CellGroup, Cells};
 pub use error::{IoError, Place};
 pub use fields::{Field, VtkFields};
+pub use labelled_surface::{holds_labelled_surface, write_labelled_surface};
 pub use node_images::read_node_images;
 pub use ply::write_coloured_ply;
 pub use points::{write_csv, write_npy};

@@ -28,19 +28,84 @@ pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
     Ok(raw)
 }
 
+/// The property of faces that is the label of a triangle of a polycube.
+const LABEL: &str = "label";
+
+/// The numbers of the property `label` of faces, each for all triangles of a face.
+pub(super) fn labels(file: &InputFile) -> Result<Vec<u8>, IoError> {
+    let (header, body) = PlyHeader::parse(file)?;
+    let mut values = PropertyValues {
+        file,
+        tokens: file.tokens_in(body..file.bytes.len()),
+        order: header.order,
+    };
+    let (mut labels, mut row) = (vec![], ElementValues::default());
+    for element in header.elements.iter().filter(|element| !element.properties.is_empty()) {
+        let count = values.count(element)?;
+        let is_face = element.name == "face";
+        let (mut corners, mut label) = (None, None);
+        if is_face {
+            corners = Some(element.position(file, is_corners, CORNERS)?);
+            let is_label = |p: &PlyProperty| p.length.is_none() && p.name == LABEL;
+            label = Some(element.position(file, is_label, "`label`")?);
+        }
+        for face in 0..count {
+            values.read_row(element, corners, &mut row)?;
+            let Some(found) = label.map(|k| row.singles[k]) else {
+                continue;
+            };
+            let Some(label) = (0..6u8).find(|&label| f64::from(label) == found) else {
+                let found = format!("face {face} (0-based) has the label {found} instead of one from 0 to 5");
+                return Err(match values.order {
+                    None => values.tokens.malformed(found),
+                    Some(_) => file.malformed_at(Place::Byte(values.tokens.position()), found),
+                });
+            };
+            labels.extend(std::iter::repeat_n(label, row.list.len().saturating_sub(2)));
+        }
+    }
+    Ok(labels)
+}
+
+/// What is missing where faces have no corners.
+const CORNERS: &str = "list `vertex_indices`";
+
+fn is_corners(property: &PlyProperty) -> bool {
+    property.length.is_some() && matches!(property.name.as_str(), "vertex_indices" | "vertex_index")
+}
+
 /// Writes binary little-endian PLY with coordinates in double precision.
 pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()> {
+    write_head(writer, mesh, "")?;
+    write_triangles(writer, mesh.triangles())
+}
+
+/// As [`write`], with the label of each triangle.
+pub(super) fn write_labelled(writer: &mut dyn Write, mesh: &SurfaceMesh, labels: &[u8]) -> io::Result<()> {
+    write_head(writer, mesh, &format!("property uchar {LABEL}\n"))?;
+    for (triangle, &label) in mesh.triangles().iter().zip(labels) {
+        if label > 5 {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "a label is above 5"));
+        }
+        write_triangles(writer, &[*triangle])?;
+        writer.write_all(&[label])?;
+    }
+    Ok(())
+}
+
+/// All before the triangles, which have this property after their corners.
+fn write_head(writer: &mut dyn Write, mesh: &SurfaceMesh, of_faces: &str) -> io::Result<()> {
     write!(
         writer,
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty \
-         double z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+         double z\nelement face {}\nproperty list uchar int vertex_indices\n{of_faces}end_header\n",
         mesh.vertices().len(),
         mesh.triangles().len()
     )?;
     for coordinate in mesh.vertices().iter().flat_map(|p| p.iter()) {
         writer.write_all(&coordinate.to_le_bytes())?;
     }
-    write_triangles(writer, mesh.triangles())
+    Ok(())
 }
 
 /// Writes points, each with red, green, blue and opacity, and triangles over them if there are any, as binary
@@ -230,9 +295,7 @@ fn read_element(element: &PlyElement, values: &mut PropertyValues, raw: &mut Raw
             }
         }
         "face" | "tristrips" => {
-            let is_corners =
-                |p: &PlyProperty| p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
-            let corners = element.position(values.file, is_corners, "list `vertex_indices`")?;
+            let corners = element.position(values.file, is_corners, CORNERS)?;
             for _ in 0..count {
                 values.read_row(element, Some(corners), &mut row)?;
                 if element.name == "face" {

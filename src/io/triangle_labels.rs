@@ -1,20 +1,29 @@
-//! Labels of triangles of a polycube: text with one of -x, +x, -y, +y, -z, +z in each line, in the order of the triangles.
+//! Labels of triangles of a polycube: text with one of -x, +x, -y, +y, -z, +z in each line, in the order of the triangles, or beside a
+//! surface.
 
 use std::io;
 use std::path::Path;
 
 use super::input::{InputFile, excerpt};
-use super::{IoError, Place, atomic_write, read_bytes};
+use super::{IoError, Place, atomic_write, labelled_surface, read_bytes};
 use crate::mesh::DIRECTION_NAMES;
 
 /// Reads the labels of `count` triangles: in each line one of -x, +x, -y, +y, -z, +z, or its number, 0 to 5 in this order.
-/// Blanks around it do not matter, nor do empty lines at the end.
+/// Blanks around it do not matter, nor do empty lines at the end. Of a surface file they are the numbers of the property `label` of faces
+/// (.ply), or the materials or groups of these names (.obj), and a polygon's are those of all its triangles.
 ///
 /// # Errors
 ///
-/// [`IoError::Read`], and [`IoError::Malformed`] with the line: for other words, and where there are more or fewer lines.
+/// [`IoError::Read`], and [`IoError::Malformed`] with the line: for other words, and where there are more or fewer labels.
 pub fn read_triangle_labels(path: impl AsRef<Path>, count: usize) -> Result<Vec<u8>, IoError> {
     let path = path.as_ref();
+    if labelled_surface::holds_labelled_surface(path) {
+        let labels = labelled_surface::labels_of(path)?;
+        return match labels.len() == count {
+            true => Ok(labels),
+            false => Err(IoError::value_count(path, "label", count, labels.len())),
+        };
+    }
     let bytes = read_bytes(path)?;
     let file = InputFile {
         path,
@@ -48,7 +57,8 @@ pub fn read_triangle_labels(path: impl AsRef<Path>, count: usize) -> Result<Vec<
     Ok(labels)
 }
 
-fn label(word: &[u8]) -> Option<u8> {
+/// The label of this name or number.
+pub(super) fn label(word: &[u8]) -> Option<u8> {
     match word {
         [digit @ b'0'..=b'5'] => Some(digit - b'0'),
         _ => (0..)

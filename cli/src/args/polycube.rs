@@ -48,16 +48,17 @@ pub struct PolycubeArgs {
     #[arg(long, value_name = "TETS")]
     pub model_tets: Option<PathBuf>,
     /// Use these labels instead of seeking some: a line with -x, +x, -y, +y, -z or +z (or 0 to 5) for each triangle of MODEL,
-    /// in its order, as --write-model-labels writes them (of an image: as --write-labels). One attempt; the exit code is 2
+    /// in its order, as --write-model-labels writes them (of an image: as --write-labels); or a surface (.ply, .obj) with the
+    /// property `label` of faces, or materials or groups of these names. One attempt; the exit code is 2
     /// if they cannot be those of a polycube, and the line is named
     #[arg(long, value_name = "LABELS", conflicts_with_all = ["smoothness", "polycube", "max_vertices"])]
     pub labels: Option<PathBuf>,
     /// Also write the label of each triangle of the image, in its order: -x, +x, -y, +y, -z or +z in a line of its own, the
-    /// direction that the triangle faces along in the polycube
+    /// direction that the triangle faces along in the polycube. With .ply or .obj the image with them is written
     #[arg(long, value_name = "LABELS")]
     pub write_labels: Option<PathBuf>,
     /// Also write the labels of the triangles of MODEL, before any was split: of its boundary where it is a mesh of
-    /// tetrahedra, in the order of the cells. Polygons count as triangles. Where MODEL was not deformed as it is: of the face that
+    /// tetrahedra, in the order of the cells. Polygons count as triangles. With .ply or .obj the surface with them is written. Where MODEL was not deformed as it is: of the face that
     /// the middle of the triangle goes to
     #[arg(long, value_name = "LABELS")]
     pub write_model_labels: Option<PathBuf>,

@@ -9,7 +9,7 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files;
 use solidmap::io::{self, Cells, Field, VtkFields};
-use solidmap::mesh::TetMesh;
+use solidmap::mesh::{SurfaceMesh, TetMesh};
 use solidmap::model_polycube::{
     ModelPolycube, ModelPolycubeError, ModelPolycubeOptions, Polycube, PolycubeKind, make_model_polycube,
 };
@@ -260,16 +260,37 @@ fn write_all(
         }
     }
     if let Some(file) = &args.write_labels {
-        io::write_triangle_labels(file, &found.labels())?;
+        write_labels(file, &found.boundary.target(), &found.labels())?;
     }
     if let Some(file) = &args.write_model_labels {
         let labels = found.labels_of(mesh, triangles);
-        io::write_triangle_labels(
-            file,
-            &labels.context("the model has triangles that are not on its boundary")?,
-        )?;
+        let labels = labels.context("the model has triangles that are not on its boundary")?;
+        write_labels(file, &surface_of(mesh, triangles)?, &labels)?;
     }
     Ok(())
+}
+
+/// Writes labels beside the surface where the file is one that holds surfaces, else alone.
+fn write_labels(file: &Path, surface: &SurfaceMesh, labels: &[u8]) -> anyhow::Result<()> {
+    if io::holds_labelled_surface(file) {
+        io::write_labelled_surface(file, surface, labels)?;
+    } else {
+        io::write_triangle_labels(file, labels)?;
+    }
+    Ok(())
+}
+
+/// These triangles, by nodes of a mesh, without the other nodes.
+fn surface_of(mesh: &TetMesh, triangles: &[[u32; 3]]) -> anyhow::Result<SurfaceMesh> {
+    let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let vertices = used.iter().map(|&v| mesh.vertices()[v as usize]).collect();
+    let number = |v: u32| used.partition_point(|&w| w < v) as u32;
+    Ok(SurfaceMesh::new(
+        vertices,
+        triangles.iter().map(|t| t.map(number)).collect(),
+    )?)
 }
 
 fn rows(report: &Summary) -> Vec<[String; 2]> {
