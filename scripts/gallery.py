@@ -292,6 +292,9 @@ this page again from the models of [results.md](results.md), in the folder that 
 
 TAIL = """## Pages to look into
 
+`solidmap demo` writes pages of built-in models that a browser opens without a network: `map.html`, both solids to turn, cut and colour, and one to
+move into the other; and `hexahedra.html`, a mesh to peel by quality, by depth or by a plane.
+
 The pages of maps, meshes and sequences are in [viewer.md](viewer.md), the curves and sections of sequences in
 [sequence.md](sequence.md), the experiments on the placement and the number of sources (figures 3 and 5 of the paper) in
 [study.md](study.md).

@@ -36,7 +36,7 @@ fn the_feature_native_changes_the_modules_that_are_tested_without_it() {
     let graph = imports(&sources);
     let found: Vec<&String> = graph.keys().filter(mentions).collect();
     // `error_kind` is one table in both builds, with the errors of CGAL and TetGen where there are any.
-    assert_eq!(found, ["compare", "error_kind", "fit", "hexmesh"]);
+    assert_eq!(found, ["compare", "error_kind", "fit", "model_polycube"]);
 }
 
 /// For each module of the library, those that it imports outside of tests.

@@ -345,7 +345,7 @@ fn where_no_polycube_is_found_the_best_attempt_is_written_and_its_bad_places_are
         assert!(report["output"].is_null() && !place.path("q.obj").exists());
         let problem = report["problem"].as_str().unwrap();
         assert!(
-            problem.contains("near (") && problem.contains("hexmesh --polycube voxels"),
+            problem.contains("near (") && problem.contains("`--polycube voxels`, without labels"),
             "{problem}"
         );
         let places = report["bad_places"].as_array().unwrap();

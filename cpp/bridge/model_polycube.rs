@@ -17,11 +17,11 @@ use solidmap::model_polycube::{
 pub struct ModelPolycube {
     boundary: BoundaryMap,
     labels: Vec<u8>,
-    /// Of a deformed model, until it is taken.
+    /// The deformed model; `None` for voxels, and once it is taken.
     deformed: Option<Box<PolycubeMap>>,
-    /// Where it is not the model itself that was deformed.
+    /// The simplified model, where one was deformed in place of the model.
     simplified: Option<Box<SimplifiedReport>>,
-    /// Of a polycube of voxels.
+    /// What is known of the voxels; `None` for a deformed model.
     voxels: Option<Box<VoxelReport>>,
 }
 

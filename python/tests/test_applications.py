@@ -286,7 +286,7 @@ def test_labels_of_a_model_describe_its_polycube():
 def test_large_models_are_simplified_and_voxels_fill_them(ball):
     made = solidmap.polycube(ball, max_vertices=200)
     assert made.simplified.of == len(ball.points) > made.simplified.vertices and made.tets is not None
-    voxels = solidmap.polycube(ball, polycube="voxels", lattice=0.1)
+    voxels = solidmap.polycube(ball, polycube="voxels", lattice=0.2)
     assert voxels.report is None and voxels.tets is None and voxels.voxels.missed == 0 and "voxels of" in repr(voxels)
     for found in (made, voxels):
         assert not found.boundary.is_linear and len(found.labels_of(ball.faces)) == len(ball.faces)

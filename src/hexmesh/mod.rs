@@ -34,9 +34,10 @@ pub struct HexmeshOptions {
     pub most_cells: usize,
     /// How far a vertex of the model may be from the mesh, over the diagonal of the model, before another polycube is tried.
     pub max_distance: f64,
-    /// Where the polycube comes from: of a deformation and voxels that lead to meshes the better one, with [`PolycubeKind::Auto`].
+    /// Where the polycube comes from. With [`PolycubeKind::Auto`], voxels are also tried where the deformed model leads to a poor mesh, and
+    /// the better mesh is returned.
     pub polycube_kind: PolycubeKind,
-    /// Vertices from which on a model is simplified
+    /// The number of vertices above which a model is simplified
     /// ([`ModelPolycubeOptions::most_vertices`](crate::model_polycube::ModelPolycubeOptions::most_vertices)). The mesh's boundary is on the
     /// model itself.
     pub most_vertices: usize,

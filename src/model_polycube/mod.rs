@@ -162,7 +162,7 @@ pub struct ModelPolycube {
 }
 
 impl ModelPolycube {
-    /// That of a model that was deformed itself.
+    /// The polycube of a model that was deformed itself, with the linear map over its triangles.
     ///
     /// # Errors
     ///
@@ -178,8 +178,8 @@ impl ModelPolycube {
 
 /// The polycube of a model, given as tetrahedra: a deformation or voxels ([`PolycubeKind`]).
 ///
-/// Of either it is checked exactly that its boundary is mapped to the model's one to one; see [`make_polycube`] for what else is of
-/// deformations.
+/// The boundary map is one to one, decided exactly; [`make_polycube`] says what else is checked of deformations. How much the map onto
+/// voxels distorts is measured, and not judged.
 ///
 /// # Errors
 ///

@@ -141,15 +141,25 @@ fn voxels_follow_where_nothing_is_deformed_and_every_phase_cancels() {
     };
     let error = make_model_polycube(&ball, &only, &|_| {}).unwrap_err();
     assert!(error.is_without_polycube() && !error.is_cancelled(), "{error}");
-    // So many voxels are refused: both reasons are given.
-    let tiny = ModelPolycubeOptions {
+    // Of a fine lattice many cells are along a voxel.
+    let fine = ModelPolycubeOptions {
         deformation: PolycubeOptions {
-            lattice: Some(CellSize::Length(1e-9)),
+            lattice: Some(CellSize::Length(1e-7)),
             ..none.deformation
         },
         ..none.clone()
     };
-    let error = make_model_polycube(&ball, &tiny, &|_| {}).unwrap_err();
+    let made = make_model_polycube(&ball, &fine, &|_| {}).unwrap();
+    assert!(matches!(&made.polycube, Polycube::Voxels(_, report) if report.cells > 100_000));
+    // Voxels of this size show no hole: both reasons are given.
+    let large = ModelPolycubeOptions {
+        deformation: PolycubeOptions {
+            lattice: Some(CellSize::Length(1e6)),
+            ..none.deformation
+        },
+        ..none.clone()
+    };
+    let error = make_model_polycube(&test_meshes::torus(3), &large, &|_| {}).unwrap_err();
     assert!(matches!(error, ModelPolycubeError::Neither { .. }), "{error}");
     let deforming = |phase: ModelPolycubePhase| match phase {
         ModelPolycubePhase::Deforming(_) => ControlFlow::Break(()),

@@ -138,6 +138,12 @@ fn lattice_size(lattice: CellSize, target: &SurfaceMesh) -> Result<f64, ModelPol
     }
 }
 
+/// Numbers of cells along a voxel, each at most 4/5 of the one before, down to 1: those of a fine lattice are too many to try them all.
+fn finer_from(coarsest: usize) -> impl Iterator<Item = usize> {
+    let finer = |cells: &usize| (*cells > 1).then(|| cells / 5 * 4 + cells % 5 * 4 / 5);
+    std::iter::successors(Some(coarsest), finer)
+}
+
 /// Polycubes of voxels with a whole number of cells along an edge, in the order in which they are tried: from the finest that has
 /// no more than [`MOST_VOXELS`], or the coarsest, to coarser ones. Thin limbs are stretched less by fine voxels.
 fn polycubes(
@@ -150,7 +156,7 @@ fn polycubes(
     let coarsest = (along / LEAST_ALONG).max(1);
     let mut found = vec![];
     let mut failure = None;
-    for cells in (1..=coarsest).rev() {
+    for cells in finer_from(coarsest) {
         match with(cells) {
             Ok(polycube) if !found.is_empty() && polycube.voxels.len() > MOST_VOXELS => break,
             Ok(polycube) => found.push((cells, polycube)),

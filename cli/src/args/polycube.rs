@@ -58,8 +58,8 @@ pub struct PolycubeArgs {
     #[arg(long, value_name = "LABELS")]
     pub write_labels: Option<PathBuf>,
     /// Also write the labels of the triangles of MODEL, before any was split: of its boundary where it is a mesh of
-    /// tetrahedra, in the order of the cells. Polygons count as triangles. With .ply or .obj the surface with them is written. Where MODEL was not deformed as it is: of the face that
-    /// the middle of the triangle goes to
+    /// tetrahedra, in the order of the cells. Polygons count as triangles. With .ply or .obj the surface with them is written.
+    /// Where MODEL was not deformed as it is, a triangle gets the label of the face that its middle goes to
     #[arg(long, value_name = "LABELS")]
     pub write_model_labels: Option<PathBuf>,
     /// If no polycube is found, write the tetrahedra of the best attempt (.vtu, .vtk), with the fields `bad`: 1 where they are

@@ -92,7 +92,9 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         Err(error) => return Err(unusable(error, args)),
     };
     let seconds = start.elapsed().as_secs_f64();
-    let problem = failed.as_ref().map(|error| problem(error, options.kind));
+    let problem = failed
+        .as_ref()
+        .map(|error| problem(error, options.kind, args.labels.is_some()));
     let best = failed.as_ref().and_then(best_attempt_of);
     let best_attempt = args.best_attempt.as_ref().filter(|_| best.is_some());
     if let Some(found) = &found {
@@ -172,12 +174,15 @@ fn is_on_lattice(found: &ModelPolycube) -> bool {
 }
 
 /// Why no polycube was found, and what can be done.
-fn problem(error: &ModelPolycubeError, kind: PolycubeKind) -> String {
-    match (error, kind) {
-        (ModelPolycubeError::Deformation(_), PolycubeKind::Deformed) => {
+fn problem(error: &ModelPolycubeError, kind: PolycubeKind, has_labels: bool) -> String {
+    match error {
+        ModelPolycubeError::Deformation(_) if has_labels => {
+            format!("{error}. `--polycube voxels`, without labels, makes another kind of polycube")
+        }
+        ModelPolycubeError::Deformation(_) if kind == PolycubeKind::Deformed => {
             format!("{error}. `--polycube voxels` makes another kind of polycube")
         }
-        (ModelPolycubeError::Neither { .. }, _) => {
+        ModelPolycubeError::Neither { .. } => {
             format!("{error}. `--polycube deformed` makes more attempts at a deformation")
         }
         _ => error.to_string(),
@@ -240,7 +245,7 @@ fn write_all(
         png: args.png.clone(),
         vtu: None,
         html: args.html.clone(),
-        page: args.page.clone(),
+        page: args.page,
         up: args.up,
     };
     write::outputs(

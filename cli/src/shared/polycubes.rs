@@ -102,7 +102,7 @@ pub struct PolycubeSummary {
 }
 
 impl PolycubeSummary {
-    /// Of this one.
+    /// The summary of a polycube.
     pub fn of(found: &Polycube) -> Self {
         match found {
             Polycube::Deformed(found, simplified) => Self {

@@ -28,7 +28,7 @@ struct HexmeshOptions {
   double max_distance = 0.05;
   /// As ModelPolycubeOptions::max_vertices. The mesh's boundary is on the model itself.
   std::size_t max_vertices = 6000;
-  /// Of a deformation and voxels that both lead to a mesh the better one, with PolycubeKind::automatic.
+  /// With PolycubeKind::automatic, voxels are also tried where the deformed model leads to a poor mesh, and the better mesh is returned.
   PolycubeKind polycube_kind = PolycubeKind::automatic;
   /// How the model is deformed. The lattice is chosen by the size of the cells.
   PolycubeOptions polycube;
