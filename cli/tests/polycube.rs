@@ -214,6 +214,10 @@ fn polycubes_with_other_triangles_than_the_model_s_come_with_a_boundary_file() {
         assert!((hexes.volume() / given.volume() - 1.0).abs() < 0.05);
     };
     fits("--polycube voxels", "voxels");
+    let planes = solidmap::remesh::Polycube::of(&io::read_surface(place.path("p.obj")).unwrap()).unwrap();
+    for plane in planes.planes().iter().flatten() {
+        assert!((plane / 0.25 - (plane / 0.25).round()).abs() < 1e-9, "{plane}");
+    }
     if cfg!(feature = "native") {
         fits("--polycube deformed --max-vertices 50", "simplified");
     }

@@ -11,7 +11,7 @@ use solidmap::files;
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::{SurfaceMesh, TetMesh};
 use solidmap::model_polycube::{
-    ModelPolycube, ModelPolycubeError, ModelPolycubeOptions, Polycube, PolycubeKind, make_model_polycube,
+    ModelPolycube, ModelPolycubeError, ModelPolycubeOptions, Polycube, PolycubeKind, VoxelReport, make_model_polycube,
 };
 use solidmap::polycube::{BadPlace, BestAttempt, MakePolycubeError, PolycubeOptions, make_polycube_with_labels};
 use solidmap::remesh::CellSize;
@@ -19,6 +19,7 @@ use solidmap::remesh::CellSize;
 use super::boundary::write;
 use crate::CommandOutcome;
 use crate::args::{BoundaryOutputs, PolycubeArgs};
+use crate::drawing::significant;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, written_row};
 use crate::shared::polycubes::{Model, PolycubeSummary, model, show_deformation, show_phase};
@@ -119,6 +120,9 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
              lattice may help",
         );
     }
+    if let Some(Polycube::Voxels(_, report)) = found.as_ref().map(|found| &found.polycube) {
+        poor_voxels(report).into_iter().for_each(|problem| output.warn(problem));
+    }
     let written = |file: Option<&PathBuf>| file_name(file.filter(|_| is_written));
     let report = Summary {
         model: (&args.model).into(),
@@ -142,6 +146,10 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     Ok(CommandOutcome::from_check(is_written && is_on_lattice))
 }
 
+/// The ratio of stretches, exceeded on 1 % of the area, above which a polycube of voxels is said to be poor. Of those in
+/// `docs/polycubes.md` one has more, and no other more than 5.
+const MOST_DISTORTED: f64 = 10.0;
+
 /// The library's options: tetrahedra that are asked for are those of a deformation.
 fn options(args: &PolycubeArgs) -> anyhow::Result<ModelPolycubeOptions> {
     let has_tets = args.tets.is_some() || args.model_tets.is_some();
@@ -163,6 +171,25 @@ fn options(args: &PolycubeArgs) -> anyhow::Result<ModelPolycubeOptions> {
             ..PolycubeOptions::default()
         },
     })
+}
+
+/// What is bad about a polycube of voxels, if anything.
+fn poor_voxels(report: &VoxelReport) -> Vec<String> {
+    let hint = "Smaller voxels may follow the model more closely (--lattice SIZE), and `--polycube deformed` may find another kind of polycube";
+    let missed = (report.missed > 0).then(|| {
+        format!(
+            "{} vertices of the model are farther than a voxel from the polycube, so that thin parts may have none. {hint}",
+            report.missed
+        )
+    });
+    let distorted = (report.distortion.angle.p99 > MOST_DISTORTED).then(|| {
+        format!(
+            "on 1 % of the area the map from the polycube stretches more than {} times as far along one direction as along the other: \
+             cells carried there will be poor. {hint}",
+            significant(report.distortion.angle.p99, 2)
+        )
+    });
+    missed.into_iter().chain(distorted).collect()
 }
 
 /// Voxels are made on the lattice.

@@ -148,6 +148,19 @@ class Opened:
                 count += pixels
         return count
 
+    def label_pixels(self, view=0):
+        """How many pixels have the colour of each label, however they are lit."""
+        self.settle()
+        palette = self.page.evaluate("solidmapPage.data.palettes.labels")
+        counts = [0] * len(palette)
+        for colour, pixels in self.pixels(view)["named"].items():
+            seen = [int(colour) >> shift & 255 for shift in (16, 8, 0)]
+            for label, wanted in enumerate(palette):
+                share = max(seen) / max(wanted)
+                if share > 0.5 and all(abs(a - share * b) < 4 for a, b in zip(seen, wanted)):
+                    counts[label] += pixels
+        return counts
+
     def focusable(self):
         """How many controls there are, and how many of them the Tab key reaches."""
         wanted = self.page.locator("canvas[tabindex], select, input, button, summary").count()

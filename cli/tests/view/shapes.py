@@ -68,7 +68,10 @@ def folded(point):
 
 
 def write_block(path, n):
-    """Writes n × n × n hexahedra with cell data, as legacy VTK. One node is moved so far that cells around it are inverted."""
+    """Writes n × n × n hexahedra with cell data, as legacy VTK. One node is moved so far that cells around it are inverted.
+
+    Cells have numbers, and the label 1 where x is less than one half, 5 elsewhere.
+    """
     index = lambda i, j, k: i + (n + 1) * (j + (n + 1) * k)
     steps = range(n + 1)
     points = [(i / n, j / n, (k + 0.02 * (i * j) % 0.3) / n) for k in steps for j in steps for i in steps]
@@ -85,4 +88,6 @@ def write_block(path, n):
     lines += [f"CELL_TYPES {len(cells)}"] + ["12"] * len(cells)
     lines += [f"CELL_DATA {len(cells)}", "SCALARS number double 1", "LOOKUP_TABLE default"]
     lines += [str(cell) for cell in range(len(cells))]
+    lines += ["SCALARS part int 1", "LOOKUP_TABLE default"]
+    lines += ["1" if cell % n < n / 2 else "5" for cell in range(len(cells))]
     path.write_text("\n".join(lines) + "\n")

@@ -259,3 +259,30 @@ def test_a_field_that_the_map_carries_is_shown_first_and_read(maps, opened):
     before = page.hashes()
     page.set("by", "harmonic")
     assert all(a != b for a, b in zip(before, page.hashes()))
+
+
+def test_labels_that_the_map_carries_are_not_mixed(maps, opened):
+    parts = maps / "parts.vtk"
+    shapes.write_block(parts, 8)
+    # Around the ball, with the labels' border in the middle.
+    lines = parts.read_text().split("\n")
+    first = next(n for n, line in enumerate(lines) if line.startswith("POINTS")) + 1
+    for n in range(first, first + 9**3):
+        lines[n] = " ".join(repr(2.4 * float(x) - 1.2) for x in lines[n].split())
+    parts.write_text("\n".join(lines))
+    solidmap(maps, "transfer", "bent.map", "parts.vtk", "--label", "part", "-o", "parts.vtu", "--html", "parts.html", "--samples", "32")
+    page = opened(maps / "parts.html")
+    assert page.said == []
+    key = page.page.evaluate("solidmapPage.data.fields.find(({ label }) => label === 'part').key")
+    page.set("by", key)
+    page.set("axis", "2")
+    for view in (0, 1):
+        counts = page.label_pixels(view)
+        assert min(counts[1], counts[5]) > 2000
+        assert max(count for label, count in enumerate(counts) if label not in (1, 5)) < 50
+    for x, label in (("-0.04", "1"), ("0.04", "5")):
+        page.page.get_by_label("point x", exact=True).fill(x)
+        page.page.get_by_label("point y", exact=True).fill("0.1")
+        page.page.get_by_label("point z", exact=True).fill("0.1")
+        page.page.keyboard.press("Tab")
+        assert page.readout()["part"] == label

@@ -99,6 +99,18 @@ def test_edges_colours_and_shadow_change_what_is_seen(block, opened):
     assert page.page.evaluate("solidmapPage.features.geometry.getAttribute('position').count / 2") == 12 * 8
 
 
+def test_labels_have_a_colour_each(block, opened):
+    page = opened(block[0])
+    page.page.get_by_label("edges", exact=True).click()
+    page.set("by", "file-1")
+    counts = page.label_pixels()
+    assert min(counts[1], counts[5]) > 3000
+    assert [count for label, count in enumerate(counts) if label not in (1, 5)] == [0] * 5
+    # The cells' numbers are not labels.
+    assert page.page.evaluate("solidmapPage.data.fields.map(({ palette }) => palette)") == ["quality", "amount", "amount", "labels"]
+    assert "After 7 labels" in page.page.locator(".legend").inner_text()
+
+
 def test_the_pointer_names_the_cell(block, opened):
     page = opened(block[0])
     x, y = page.page.evaluate("solidmapPage.stage.project(0, [0, 0, 0])")

@@ -7,7 +7,7 @@ use solidmap::energy::EnergyOptions;
 use solidmap::files::MapMetadata;
 use solidmap::geometry::PlaneSection;
 use solidmap::inverse::{Inverse, PreimageStatus};
-use solidmap::transfer::{FieldMesh, FieldSampler};
+use solidmap::transfer::{FieldKind, FieldMesh, FieldSampler};
 
 use super::fields::{all_fields, distances, is_distance};
 use crate::args::TransferArgs;
@@ -54,6 +54,7 @@ pub fn page(
                 "`{shown}` has values of up to {most:.1e}, and a page holds numbers of up to {MOST:.0e}; scale the field"
             );
             Ok(CarriedScalar {
+                is_label: field.kind == FieldKind::Label,
                 name: field.name,
                 values,
             })

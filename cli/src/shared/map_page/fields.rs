@@ -16,6 +16,8 @@ pub struct CarriedScalar {
     pub name: String,
     /// Its values at the points that were asked for.
     pub values: Vec<f64>,
+    /// Whether they name things.
+    pub is_label: bool,
 }
 
 /// The scalars at points of the domain.
@@ -91,14 +93,30 @@ pub fn fields(
 }
 
 impl Scalar {
+    /// On a scale whose `ends` are found from the values that the least and the largest 1 % are beyond.
     fn new(samples: &LatticeSamples, values: Vec<f64>, palette: Palette, ends: impl Fn([f64; 2]) -> [f64; 2]) -> Self {
+        Self::with_ends(samples, values, palette, |[_, few, most_of, _]| ends([few, most_of]))
+    }
+
+    /// In the colours of labels.
+    fn of_labels(samples: &LatticeSamples, values: Vec<f64>) -> Self {
+        Self::with_ends(samples, values, Palette::Labels, |[least, _, _, most]| [least, most])
+    }
+
+    fn with_ends(
+        samples: &LatticeSamples,
+        values: Vec<f64>,
+        palette: Palette,
+        ends: impl Fn([f64; 4]) -> [f64; 2],
+    ) -> Self {
         let inside = values.iter().zip(&samples.is_inside);
         let inside: Vec<f64> = inside
             .filter(|(v, inside)| **inside && v.is_finite())
             .map(|(v, _)| *v)
             .collect();
-        let [least, few, most_of, most] = quantiles(&inside, [0.0, 1.0 - SHOWN, SHOWN, 1.0]).unwrap_or_default();
-        let [low, high] = ends([few, most_of]);
+        let shown = quantiles(&inside, [0.0, 1.0 - SHOWN, SHOWN, 1.0]).unwrap_or_default();
+        let [least, _, _, most] = shown;
+        let [low, high] = ends(shown);
         let field = PageField {
             key: "".into(),
             label: "".into(),
@@ -142,9 +160,12 @@ fn amount(samples: &LatticeSamples, values: Vec<f64>) -> Scalar {
 
 /// From the least to the most.
 fn of_carried(samples: &LatticeSamples, number: usize, carried: CarriedScalar) -> Scalar {
-    let scalar = Scalar::new(samples, carried.values, Palette::Amount, |[low, high]| {
-        [low, high.max(low + f64::MIN_POSITIVE)]
-    });
+    let scalar = match carried.is_label {
+        true => Scalar::of_labels(samples, carried.values),
+        false => Scalar::new(samples, carried.values, Palette::Amount, |[low, high]| {
+            [low, high.max(low + f64::MIN_POSITIVE)]
+        }),
+    };
     let field = PageField {
         key: format!("carried-{number}").into(),
         label: carried.name.into(),

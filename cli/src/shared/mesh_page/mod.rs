@@ -2,6 +2,7 @@
 
 mod neighbours;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::ensure;
@@ -19,6 +20,11 @@ use super::page::{Framing, NumberTable, PackedArray, Page, PageField, Palette, m
 use crate::args::{PageSizeArgs, UpKind};
 use crate::drawing::significant;
 use neighbours::{boundary_triangles, neighbours};
+
+/// More different values than these are not taken for labels.
+const MOST_LABELS: usize = 64;
+/// The largest whole number up to which pages, which have single precision, hold all.
+const LARGEST_LABEL: f64 = 16_777_216.0;
 
 /// A page of a mesh.
 pub struct MadeMeshPage {
@@ -190,9 +196,27 @@ fn fields_of_file(path: &Path, cells: usize) -> Vec<(PageField, Vec<f64>)> {
         .map(|(k, field)| {
             let meaning = format!("`{}` of the file", field.name);
             let shown = amount(format!("file-{k}"), field.name, meaning, "", &field.values);
+            let shown = match are_labels(&field.values) {
+                true => PageField {
+                    palette: Palette::Labels,
+                    ..shown
+                },
+                false => shown,
+            };
             (shown, field.values)
         })
         .collect()
+}
+
+/// Whether values look like labels: few different whole numbers.
+fn are_labels(values: &[f64]) -> bool {
+    let mut different = BTreeSet::new();
+    values.iter().all(|&value| {
+        value.fract() == 0.0 && value.abs() <= LARGEST_LABEL && {
+            different.insert(value as i64);
+            different.len() <= MOST_LABELS
+        }
+    })
 }
 
 /// A scalar coloured from its least to its largest value.

@@ -14,6 +14,8 @@ pub struct Palettes {
     quality: Vec<[u8; 3]>,
     /// For ratios, with 1 in the middle: brown, white, blue-green.
     ratio: Vec<[u8; 3]>,
+    /// For labels, in their order: those of Okabe and Ito (Color Universal Design, 2008) but black.
+    labels: [[u8; 3]; 7],
     /// For what is folded or inverted: in no scale.
     wrong: [u8; 3],
 }
@@ -30,6 +32,15 @@ impl Palettes {
             quality: amount.iter().rev().copied().collect(),
             amount,
             ratio: colours(colorous::BROWN_GREEN),
+            labels: [
+                [230, 159, 0],
+                [86, 180, 233],
+                [0, 158, 115],
+                [240, 228, 66],
+                [0, 114, 178],
+                [213, 94, 0],
+                [204, 121, 167],
+            ],
             wrong: [255, 0, 128],
         }
     }
@@ -50,7 +61,8 @@ mod tests {
                 .sqrt()
                 > 100.0
         };
-        assert!(palettes.amount.iter().chain(&palettes.ratio).all(far));
+        let all = palettes.amount.iter().chain(&palettes.ratio).chain(&palettes.labels);
+        assert!(all.into_iter().all(far));
         assert_eq!((palettes.amount.len(), palettes.ratio.len()), (STEPS, STEPS));
     }
 }

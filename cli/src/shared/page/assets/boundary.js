@@ -4,7 +4,7 @@
 import {
   BufferAttribute, BufferGeometry, DoubleSide, LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial, ShaderMaterial, SphereGeometry, Vector3,
 } from 'three';
-import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
+import { SCALE_CODE, Scale, legend } from 'page/colours';
 import { button, choice, element, group, list, remark, significant, slider } from 'page/elements';
 import { CHECKER_CODE } from 'page/map-shaders';
 import { Morphed } from 'page/pick';
@@ -93,15 +93,13 @@ class BoundaryPage {
       low.min(point);
       high.max(point);
     }
-    const { amount, ratio } = this.data.palettes;
-    this.palettes = { amount: paletteTexture(amount), ratio: paletteTexture(ratio) };
+    this.scale = new Scale(this.data.palettes);
     this.shared = {
       pattern: { value: 2 },
       wrongColour: { value: new Vector3(...this.data.palettes.wrong).divideScalar(255) },
       low: { value: low },
       extent: { value: high.sub(low) },
-      palette: { value: this.palettes.amount },
-      ends: { value: [0, 1] },
+      ...this.scale.uniforms,
       logarithmic: { value: false },
     };
     this.views = this.stage.views.map(({ scene }, number) => {
@@ -194,9 +192,7 @@ class BoundaryPage {
     const values = this.geometry.getAttribute('value');
     this.arrays[`field-${field.key}`].forEach((value, triangle) => values.array.fill(value, 3 * triangle, 3 * triangle + 3));
     values.needsUpdate = true;
-    shared.palette.value = this.palettes[field.palette];
-    shared.ends.value = [field.low, field.high];
-    shared.logarithmic.value = field.logarithmic;
+    this.scale.use(field);
   }
 
   #hover(view, ray) {

@@ -4,7 +4,7 @@ import { DataTexture, LinearFilter, RGBAFormat, UnsignedByteType } from 'three';
 import { element, significant } from 'page/elements';
 
 /** A row of colours as a texture. */
-export function paletteTexture(colours) {
+function paletteTexture(colours) {
   const texels = new Uint8Array(colours.flatMap((colour) => [...colour, 255]));
   const texture = new DataTexture(texels, colours.length, 1, RGBAFormat, UnsignedByteType);
   texture.minFilter = LinearFilter;
@@ -13,13 +13,41 @@ export function paletteTexture(colours) {
   return texture;
 }
 
-/** Shader code: the place of a value in the scale, from 0 to 1. */
+/** The colours of one field at a time: the uniforms that `SCALE_CODE` reads. */
+export class Scale {
+  constructor(palettes) {
+    this.palettes = Object.fromEntries(
+      ['amount', 'ratio', 'quality', 'labels'].map((name) => [name, paletteTexture(palettes[name])]),
+    );
+    this.uniforms = {
+      palette: { value: this.palettes.amount },
+      ends: { value: [0, 1] },
+      logarithmic: { value: false },
+      labelColours: { value: 0 },
+    };
+  }
+
+  /** Takes the colours of a field. */
+  use(field) {
+    const { palette, ends, logarithmic, labelColours } = this.uniforms;
+    palette.value = this.palettes[field.palette];
+    ends.value = [field.low, field.high];
+    logarithmic.value = field.logarithmic;
+    labelColours.value = field.palette === 'labels' ? palette.value.image.width : 0;
+  }
+}
+
+/** Shader code: the colour of a value. Labels have one each, and after the last colour comes the first again. */
 export const SCALE_CODE = `
 uniform sampler2D palette;
 uniform vec2 ends;
 uniform bool logarithmic;
+uniform float labelColours;
 vec3 scaleColour(float value) {
   if (isnan(value)) return vec3(0.55);
+  if (labelColours > 0.0) {
+    return texture2D(palette, vec2((mod(floor(value + 0.5), labelColours) + 0.5) / labelColours, 0.5)).rgb;
+  }
   vec2 range = logarithmic ? log(ends) : ends;
   float place = ((logarithmic ? log(max(value, 1e-30)) : value) - range.x) / (range.y - range.x);
   return texture2D(palette, vec2(clamp(place, 0.0, 1.0) * 0.996 + 0.002, 0.5)).rgb;
@@ -39,17 +67,27 @@ export function legend(palettes, wrongMeaning) {
   const swatch = element('span', { class: 'swatch', style: `background: rgb(${palettes.wrong.join(' ')})` });
   const wrong = wrongMeaning && element('p', {}, swatch, ` ${wrongMeaning}`);
   const show = (field) => {
-    const colours = palettes[field.palette];
+    const isLabels = field.palette === 'labels';
+    const colours = isLabels ? labelsIn(field, palettes.labels) : palettes[field.palette];
+    canvas.width = colours.length;
     const context = canvas.getContext('2d');
     const image = context.createImageData(colours.length, 1);
     colours.forEach((colour, k) => image.data.set([...colour, 255], 4 * k));
     context.putImageData(image, 0, 0);
-    const shown = [0, 0.5, 1].map((place) => element('span', {}, significant(valueAt(field, place), 3)));
+    const shown = (isLabels ? [0, 1] : [0, 0.5, 1]).map((place) => element('span', {}, significant(valueAt(field, place), 3)));
     ends.replaceChildren(...shown);
     const unit = field.unit && field.unit !== '×' ? ` (${field.unit})` : '';
+    const repeats = isLabels ? ` After ${palettes.labels.length} labels the colours repeat.` : '';
     const clamps = field.clamps ? ' Values beyond the ends have the colours of the ends.' : '';
     const scale = field.logarithmic ? ' Logarithmic.' : '';
-    meaning.textContent = `${field.meaning}${unit}.${scale}${clamps}`;
+    meaning.textContent = `${field.meaning}${unit}.${scale}${repeats}${clamps}`;
   };
   return { element: element('div', { class: 'legend' }, canvas, ends, meaning, ...(wrong ? [wrong] : [])), show };
+}
+
+/** The colours of the labels of a field in their order, or of as many as are told apart. */
+function labelsIn({ low, high }, colours) {
+  const count = Math.min(high - low + 1, 4 * colours.length);
+  const first = ((low % colours.length) + colours.length) % colours.length;
+  return Array.from({ length: count }, (_, k) => colours[(first + k) % colours.length]);
 }

@@ -4,6 +4,8 @@
 // values interpolated between the samples. What of it belongs to the solid is said by a mask, the section of the domain's
 // boundary drawn to a picture, so that its edge is sharp however coarse the lattice is, in the target too.
 
+import { DataTexture, FloatType, RedFormat } from 'three';
+
 /** Texels of the mask along its longer side. */
 const MASK = 1024;
 /** Squares along the side of a cube of the lattice. */
@@ -36,6 +38,12 @@ export class Lattice {
   /** A value at a point. */
   sample(values, point) {
     return this.around(point).reduce((sum, [node, weight]) => sum + weight * values[node], 0);
+  }
+
+  /** The value at the node nearest to a point. */
+  nearest(values, point) {
+    const [node] = this.around(point).reduce((best, next) => (next[1] > best[1] ? next : best));
+    return values[node];
   }
 
   /** The box: lowest corner and extent. */
@@ -101,6 +109,20 @@ export class Cut {
       found[n] = sum;
     }
     return found;
+  }
+
+  /** Of the samples around each corner of the squares, the value of the nearest: labels have no values between them. */
+  nearest(values) {
+    const [nu, nv] = this.size;
+    const { nodes, weights } = this;
+    const found = Float32Array.from({ length: nu * nv }, (_, n) => {
+      let best = 8 * n;
+      for (let k = 8 * n; k < 8 * n + 8; k++) if (weights[k] > weights[best]) best = k;
+      return values[nodes[best]];
+    });
+    const texture = new DataTexture(found, nu, nv, RedFormat, FloatType);
+    texture.needsUpdate = true;
+    return texture;
   }
 
   #place() {

@@ -75,6 +75,8 @@ varying vec2 place;
 varying float shown;
 varying float grown;
 uniform sampler2D mask;
+uniform sampler2D labels;
+uniform vec2 squares;
 uniform vec3 wrong;
 uniform vec3 extent;
 uniform vec3 low;
@@ -82,7 +84,8 @@ uniform float lines;
 ${LIGHT}
 void main() {
   if (texture2D(mask, place).r < 0.5) discard;
-  vec3 colour = grown <= 0.0 ? wrong : scaleColour(shown);
+  float label = texture2D(labels, (place * (squares - 1.0) + 0.5) / squares).r;
+  vec3 colour = grown <= 0.0 ? wrong : scaleColour(labelColours > 0.0 ? label : shown);
   vec3 cell = (domain - low) / max(max(extent.x, extent.y), extent.z) * 32.0;
   vec3 near = abs(fract(cell - 0.5) - 0.5) / max(fwidth(cell), vec3(1e-6));
   // Along the axis of the cut nothing changes, and there are no lines.

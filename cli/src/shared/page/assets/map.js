@@ -2,10 +2,10 @@
 
 import {
   BoxGeometry, BufferAttribute, BufferGeometry, DoubleSide, InstancedMesh, LineSegments, Matrix4, Mesh, MeshBasicMaterial, ShaderMaterial, SphereGeometry,
-  Vector3,
+  Vector2, Vector3,
 } from 'three';
 import { replace, replaceCut } from 'page/buffers';
-import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
+import { SCALE_CODE, Scale, legend } from 'page/colours';
 import { Cut, Lattice } from 'page/cut';
 import { CutControls, boxOf } from 'page/cut-controls';
 import { button, choice, element, group, list, remark, significant, slider, tick, triple } from 'page/elements';
@@ -53,7 +53,7 @@ class MapPage {
     this.surfaceGeometry.setIndex(new BufferAttribute(arrays.triangles, 1));
     this.cutGeometry = new BufferGeometry();
     this.outlineGeometry = new BufferGeometry();
-    this.palettes = { amount: paletteTexture(data.palettes.amount), ratio: paletteTexture(data.palettes.ratio) };
+    this.scale = new Scale(data.palettes);
     const [low, high] = this.box.map((corner) => corner.map((x, k) => (x - data.domain.centre[k]) / data.domain.radius));
     const shared = {
       clipAxis: { value: new Vector3() },
@@ -62,9 +62,9 @@ class MapPage {
       low: { value: new Vector3(...low) },
       extent: { value: new Vector3(...high.map((x, k) => x - low[k])) },
       mask: { value: null },
-      palette: { value: null },
-      ends: { value: [0, 1] },
-      logarithmic: { value: false },
+      ...this.scale.uniforms,
+      labels: { value: null },
+      squares: { value: new Vector2() },
       wrong: { value: new Vector3(...data.palettes.wrong).divideScalar(255) },
       lines: { value: 0 },
       line: { value: new Vector3() },
@@ -174,9 +174,10 @@ class MapPage {
       value: [cut.interpolated(arrays[`field-${field.key}`]), 1],
       volume: [cut.interpolated(arrays['field-volume']), 1],
     });
-    shared.palette.value = this.palettes[field.palette];
-    shared.ends.value = [field.low, field.high];
-    shared.logarithmic.value = field.logarithmic;
+    this.scale.use(field);
+    shared.labels.value?.dispose();
+    shared.labels.value = field.palette === 'labels' ? cut.nearest(arrays[`field-${field.key}`]) : null;
+    shared.squares.value.set(...cut.size);
   }
 
   #hover(view, ray) {
@@ -218,7 +219,10 @@ class MapPage {
   valuesAt(point) {
     const { data, arrays, lattice } = this;
     const { centre, radius } = data.target;
-    const sampled = data.fields.map(({ key }) => [key, lattice.sample(arrays[`field-${key}`], point)]);
+    const sampled = data.fields.map(({ key, palette }) => {
+      const values = arrays[`field-${key}`];
+      return [key, palette === 'labels' ? lattice.nearest(values, point) : lattice.sample(values, point)];
+    });
     const interpolated = Object.fromEntries(sampled);
     if (!data.exact) {
       const image = [0, 1, 2].map((k) => centre[k] + radius * lattice.sample(arrays[`lattice-${k}`], point));

@@ -1,7 +1,7 @@
 // The page of a mesh of cells: whole cells are peeled off, and what is inverted stays.
 
 import { BufferAttribute, BufferGeometry, DoubleSide, EdgesGeometry, LineBasicMaterial, LineSegments, Mesh, ShaderMaterial, Vector3 } from 'three';
-import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
+import { SCALE_CODE, Scale, legend } from 'page/colours';
 import { CutControls, boxOf } from 'page/cut-controls';
 import { button, choice, element, group, list, significant, slider, tick } from 'page/elements';
 import { histogram } from 'page/histogram';
@@ -97,11 +97,9 @@ class MeshPage {
 
   #build() {
     const { data } = this;
-    this.palettes = Object.fromEntries(['amount', 'ratio', 'quality'].map((name) => [name, paletteTexture(data.palettes[name])]));
+    this.scale = new Scale(data.palettes);
     this.uniforms = {
-      palette: { value: null },
-      ends: { value: [0, 1] },
-      logarithmic: { value: false },
+      ...this.scale.uniforms,
       wrongColour: { value: new Vector3(...data.palettes.wrong).divideScalar(255) },
       edges: { value: 1 },
     };
@@ -198,9 +196,7 @@ class MeshPage {
     this.stale = false;
     const { state, arrays, uniforms } = this;
     const field = this.fields.get(state.field);
-    uniforms.palette.value = this.palettes[field.palette];
-    uniforms.ends.value = [field.low, field.high];
-    uniforms.logarithmic.value = field.logarithmic;
+    this.scale.use(field);
     uniforms.edges.value = state.edges ? 1 : 0;
     this.ghost.visible = state.ghost;
     this.#features().visible = state.features;

@@ -1,7 +1,7 @@
 // The page of a sequence: surfaces with the same triangles, one after another, and curves of what was measured of them.
 
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, ShaderMaterial, SphereGeometry } from 'three';
-import { SCALE_CODE, legend, paletteTexture } from 'page/colours';
+import { SCALE_CODE, Scale, legend } from 'page/colours';
 import { Curve } from 'page/curve';
 import { button, choice, dataTable, element, group, list, remark, significant, slider, tick } from 'page/elements';
 import { Morphed } from 'page/pick';
@@ -82,8 +82,8 @@ class SequencePage {
     this.geometry = new BufferGeometry();
     this.geometry.setAttribute('position', this.position);
     this.geometry.setAttribute('value', this.value);
-    const { amount } = this.data.palettes;
-    this.uniforms = { palette: { value: paletteTexture(amount) }, ends: { value: [0, 1] }, logarithmic: { value: false } };
+    this.scale = new Scale(this.data.palettes);
+    this.uniforms = this.scale.uniforms;
     this.surface = new Mesh(this.geometry, new ShaderMaterial({ ...SHADER, uniforms: this.uniforms, side: DoubleSide }));
     const reference = new BufferGeometry();
     reference.setAttribute('position', new BufferAttribute(this.arrays.reference, 3));
@@ -258,8 +258,7 @@ class SequencePage {
     }
     this.position.needsUpdate = true;
     this.value.needsUpdate = true;
-    this.uniforms.ends.value = [field.low, field.high];
-    this.uniforms.logarithmic.value = field.logarithmic;
+    this.scale.use(field);
   }
 
   /** What the frame is, and the point under the pointer; while it plays, the frame alone. */
