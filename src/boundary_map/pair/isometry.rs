@@ -4,6 +4,8 @@
 //! or turns about one, costs little energy. Each chooses right in most pairs, and they err in different ones: see
 //! `docs/boundary_maps.md`.
 
+use std::sync::Arc;
+
 use super::inter_surface::InverseEmbedding;
 use super::{DISTINCT, NearerIsometry};
 use crate::Point;
@@ -12,15 +14,16 @@ use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::PartialEmbedding;
 
 /// The intrinsic shapes of a domain and its target.
+#[derive(Clone)]
 pub(super) struct IntrinsicShapes {
-    pub domain: IntrinsicShape,
-    pub target: IntrinsicShape,
+    pub domain: Arc<IntrinsicShape>,
+    pub target: Arc<IntrinsicShape>,
 }
 
 /// A defect that counts as much as the energy of an isometry: the largest one of maps between poses of a body.
 const DEFECT_SCALE: f64 = 0.05;
 /// Smaller defects are as good as this one: all limbs are in their places, and the energy sees what is left.
-const SMALL_DEFECT: f64 = 0.03;
+pub(super) const SMALL_DEFECT: f64 = 0.03;
 
 /// A correspondence is clearly nearer to an isometry than a map when its defect is less than this times that of the map. The
 /// functional map of a correspondence was refined to have little, so that it has less for the same limbs, too.
@@ -78,6 +81,14 @@ impl NearerIsometry {
 }
 
 impl IntrinsicShapes {
+    /// Those of the target and its domain.
+    pub fn exchanged(&self) -> Self {
+        Self {
+            domain: self.target.clone(),
+            target: self.domain.clone(),
+        }
+    }
+
     /// The [isometry defect](isometry_defect) of the map of an embedding, from its vertices. `None` when they are too few.
     pub fn defect(
         &self,

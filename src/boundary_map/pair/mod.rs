@@ -68,6 +68,7 @@ use crate::spherical::{
 use crate::toroidal::{ToroidalEmbedding, ToroidalError, require_genus_1};
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pin, Pins};
 use inter_surface::{InverseEmbedding, Spring};
+use isometry::IntrinsicShapes;
 
 /// Vertices of landmark curves that coarse embeddings have.
 const MOST_LATE_OF_CURVES: usize = 40;
@@ -192,6 +193,7 @@ impl<'a> Given<'a> {
                 landmarks: self.landmarks,
                 curves: self.curves,
                 options: self.options,
+                shapes: None,
                 begin: Instant::now(),
                 reporter,
             })
@@ -302,6 +304,8 @@ struct PairMapping<'a> {
     /// Vertices along landmark curves, with their places on the target.
     curves: &'a [curves::CurvePoint],
     options: &'a PairOptions,
+    /// The intrinsic shapes, where they are known.
+    shapes: Option<&'a IntrinsicShapes>,
     begin: Instant,
     reporter: &'a ProgressSender<'a, PairPhase>,
 }

@@ -3,7 +3,7 @@
 
 use super::embedder::{DomainEmbedder, EmbeddingCandidate, SoftTargets};
 use super::inter_surface::InverseEmbedding;
-use super::isometry::Quality;
+use super::isometry::{IntrinsicShapes, Quality};
 use super::search::{self, RankedEmbedding, Schedules, SearchStep, best_of_starts};
 use super::starts::{Start, Starts};
 use super::{
@@ -22,8 +22,14 @@ const SCHEDULES: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(10.0, 200),
     SoftTargetSchedule::new(100.0, 60),
 ];
-/// More schedules for the starts that led to the best embeddings: which of them leaves no limb turned or bent differs, too.
-const MORE_SCHEDULES: [SoftTargetSchedule; 6] = [
+/// More schedules for the starts that led to the best embeddings: which of them leaves no limb turned or bent differs, too. A head
+/// that is turned round is right in a few of them, mostly of those that end early; ratings tell these from the others.
+const MORE_SCHEDULES: [SoftTargetSchedule; 11] = [
+    SoftTargetSchedule::new(1.0, 40),
+    SoftTargetSchedule::new(3.0, 40),
+    SoftTargetSchedule::new(3.0, 60),
+    SoftTargetSchedule::new(10.0, 60),
+    SoftTargetSchedule::new(1000.0, 60),
     SoftTargetSchedule::new(10.0, 100),
     SoftTargetSchedule::new(100.0, 200),
     SoftTargetSchedule::new(10.0, 400),
@@ -64,8 +70,19 @@ const AS_GOOD_COARSE: f64 = 1.15;
 /// A warning says that an alternative is as good when its rating is at most this times that of the map that was taken.
 const AS_GOOD: f64 = 1.03;
 
+/// The maps by soft targets, and what the first is compared by with one that is sought the other way.
+pub(super) struct SoftTargetMaps {
+    pub maps: PairMaps,
+    pub quality: Quality,
+    /// The rating of the coarse embedding that was completed; `None` where a map was given.
+    pub coarse_rating: Option<f64>,
+    /// None where solids lie in the same place or a map is given, or where a surface has none.
+    pub shapes: Option<IntrinsicShapes>,
+}
+
 impl PairMapping<'_> {
-    pub(super) fn by_soft_targets(&self) -> Result<PairMaps, PairError> {
+    /// `None` where no coarse embedding is rated below `most_rating`, if that is given: then none is completed.
+    pub(super) fn by_soft_targets(&self, most_rating: Option<f64>) -> Result<Option<SoftTargetMaps>, PairError> {
         let target = self.target_embedding()?;
         let locator = Locator::new(&target);
         let inverse = InverseEmbedding::new(&target, &locator);
@@ -106,6 +123,12 @@ impl PairMapping<'_> {
             None => best_of_starts(&embedder, &soft_targets, &schedules, &steps),
         };
         let compared = self.elapsed();
+        let coarse_rating = ranked.first().filter(|_| !is_given).map(RankedEmbedding::rating);
+        if let Some((rating, most)) = coarse_rating.zip(most_rating)
+            && rating >= most
+        {
+            return Ok(None);
+        }
         let completed = match self.options.improve {
             true => Some(self.completed_best(&embedder, &mut ranked, &starts)?),
             false => None,
@@ -141,7 +164,8 @@ impl PairMapping<'_> {
             others.push(self.through(&completed, &target)?);
         }
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
-        let of_map = embedder.isometry_defect(&after.embedding);
+        let quality = embedder.quality(&after);
+        let of_map = quality.isometry_defect;
         let images = after.embedding.directions.iter().map(|x| inverse.position(x));
         // Correspondences know nothing of springs.
         let closest = closest.filter(|_| embedder.springs.is_empty());
@@ -177,11 +201,16 @@ impl PairMapping<'_> {
             warnings,
             ..PairReport::of(PairMethod::SoftTargets, distortions, stretch)
         };
-        Ok(PairMaps {
-            map,
-            report,
-            alternatives: others,
-        })
+        Ok(Some(SoftTargetMaps {
+            maps: PairMaps {
+                map,
+                report,
+                alternatives: others,
+            },
+            quality,
+            coarse_rating,
+            shapes,
+        }))
     }
 
     /// The target's spherical embedding: that of the boundary map that is started from, if it is one of this target.

@@ -1,6 +1,8 @@
 //! Where the search for an embedding starts from: soft targets by shape in space, by intrinsic shape, or by a map that is
 //! given.
 
+use std::sync::Arc;
+
 use super::alignment::{align_by_landmarks, align_with_progress, is_upright};
 use super::embedder::SoftTargets;
 use super::isometry::IntrinsicShapes;
@@ -121,13 +123,16 @@ impl PairMapping<'_> {
 
     /// The intrinsic shapes of both surfaces, if they have any.
     fn intrinsic_shapes(&self) -> Option<IntrinsicShapes> {
+        if let Some(known) = self.shapes {
+            return Some(known.clone());
+        }
         let proceed = || self.reporter.should_improve();
         self.intrinsic_step(0);
         let shape = |surface| IntrinsicShape::new(surface, MODES, &proceed);
         let (domain, target) = rayon::join(|| shape(self.domain), || shape(self.target));
         Some(IntrinsicShapes {
-            domain: domain?,
-            target: target?,
+            domain: Arc::new(domain?),
+            target: Arc::new(target?),
         })
     }
 
