@@ -108,7 +108,7 @@ def test_labels_have_a_colour_each(block, opened):
     assert [count for label, count in enumerate(counts) if label not in (1, 5)] == [0] * 5
     # The cells' numbers are not labels.
     assert page.page.evaluate("solidmapPage.data.fields.map(({ palette }) => palette)") == ["quality", "amount", "amount", "labels"]
-    assert "After 7 labels" in page.page.locator(".legend").inner_text()
+    assert "After 7 labels" in page.page.locator(".legend").first.inner_text()
 
 
 def test_the_pointer_names_the_cell(block, opened):

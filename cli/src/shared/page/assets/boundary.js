@@ -93,14 +93,13 @@ class BoundaryPage {
       low.min(point);
       high.max(point);
     }
-    this.scale = new Scale(this.data.palettes);
+    this.colourScale = new Scale(this.data.palettes);
     this.shared = {
       pattern: { value: 2 },
       wrongColour: { value: new Vector3(...this.data.palettes.wrong).divideScalar(255) },
       low: { value: low },
       extent: { value: high.sub(low) },
-      ...this.scale.uniforms,
-      logarithmic: { value: false },
+      ...this.colourScale.uniforms,
     };
     this.views = this.stage.views.map(({ scene }, number) => {
       const uniforms = { ...this.shared, amount: { value: number } };
@@ -192,7 +191,7 @@ class BoundaryPage {
     const values = this.geometry.getAttribute('value');
     this.arrays[`field-${field.key}`].forEach((value, triangle) => values.array.fill(value, 3 * triangle, 3 * triangle + 3));
     values.needsUpdate = true;
-    this.scale.use(field);
+    this.colourScale.use(field);
   }
 
   #hover(view, ray) {

@@ -53,7 +53,7 @@ class MapPage {
     this.surfaceGeometry.setIndex(new BufferAttribute(arrays.triangles, 1));
     this.cutGeometry = new BufferGeometry();
     this.outlineGeometry = new BufferGeometry();
-    this.scale = new Scale(data.palettes);
+    this.colourScale = new Scale(data.palettes);
     const [low, high] = this.box.map((corner) => corner.map((x, k) => (x - data.domain.centre[k]) / data.domain.radius));
     const shared = {
       clipAxis: { value: new Vector3() },
@@ -62,7 +62,7 @@ class MapPage {
       low: { value: new Vector3(...low) },
       extent: { value: new Vector3(...high.map((x, k) => x - low[k])) },
       mask: { value: null },
-      ...this.scale.uniforms,
+      ...this.colourScale.uniforms,
       labels: { value: null },
       squares: { value: new Vector2() },
       wrong: { value: new Vector3(...data.palettes.wrong).divideScalar(255) },
@@ -174,7 +174,7 @@ class MapPage {
       value: [cut.interpolated(arrays[`field-${field.key}`]), 1],
       volume: [cut.interpolated(arrays['field-volume']), 1],
     });
-    this.scale.use(field);
+    this.colourScale.use(field);
     shared.labels.value?.dispose();
     shared.labels.value = field.palette === 'labels' ? cut.nearest(arrays[`field-${field.key}`]) : null;
     shared.squares.value.set(...cut.size);

@@ -97,9 +97,9 @@ class MeshPage {
 
   #build() {
     const { data } = this;
-    this.scale = new Scale(data.palettes);
+    this.colourScale = new Scale(data.palettes);
     this.uniforms = {
-      ...this.scale.uniforms,
+      ...this.colourScale.uniforms,
       wrongColour: { value: new Vector3(...data.palettes.wrong).divideScalar(255) },
       edges: { value: 1 },
     };
@@ -196,7 +196,7 @@ class MeshPage {
     this.stale = false;
     const { state, arrays, uniforms } = this;
     const field = this.fields.get(state.field);
-    this.scale.use(field);
+    this.colourScale.use(field);
     uniforms.edges.value = state.edges ? 1 : 0;
     this.ghost.visible = state.ghost;
     this.#features().visible = state.features;

@@ -82,8 +82,8 @@ class SequencePage {
     this.geometry = new BufferGeometry();
     this.geometry.setAttribute('position', this.position);
     this.geometry.setAttribute('value', this.value);
-    this.scale = new Scale(this.data.palettes);
-    this.uniforms = this.scale.uniforms;
+    this.colourScale = new Scale(this.data.palettes);
+    this.uniforms = this.colourScale.uniforms;
     this.surface = new Mesh(this.geometry, new ShaderMaterial({ ...SHADER, uniforms: this.uniforms, side: DoubleSide }));
     const reference = new BufferGeometry();
     reference.setAttribute('position', new BufferAttribute(this.arrays.reference, 3));
@@ -258,7 +258,7 @@ class SequencePage {
     }
     this.position.needsUpdate = true;
     this.value.needsUpdate = true;
-    this.scale.use(field);
+    this.colourScale.use(field);
   }
 
   /** What the frame is, and the point under the pointer; while it plays, the frame alone. */
