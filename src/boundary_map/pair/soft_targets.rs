@@ -24,8 +24,7 @@ const SCHEDULES: [SoftTargetSchedule; 4] = [
 ];
 /// More schedules for the starts that led to the best embeddings: which of them leaves no limb turned or bent differs, too. A head
 /// that is turned round is right in a few of them, mostly of those that end early; ratings tell these from the others.
-const MORE_SCHEDULES: [SoftTargetSchedule; 11] = [
-    SoftTargetSchedule::new(1.0, 40),
+const MORE_SCHEDULES: [SoftTargetSchedule; 10] = [
     SoftTargetSchedule::new(3.0, 40),
     SoftTargetSchedule::new(3.0, 60),
     SoftTargetSchedule::new(10.0, 60),
