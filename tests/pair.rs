@@ -394,7 +394,7 @@ fn horse_in_turned_pose(folder: &Path, from: &str, to: &str, turn: [f64; 3]) -> 
 fn limbs_in_another_pose_go_to_the_right_limbs() {
     let Some(folder) = models() else { return };
     for (from, to, turn) in [
-        // Alignments in space take the legs of this pose to other legs: the median error is 30 % then.
+        // Most alignments in space take the legs of this pose to other legs: the median error is 30 % then.
         ("horse_ref.obj", "horse-06.obj", [2.0, 0.7, -1.1]),
         // Wrong maps have less energy than the right one when they are coarse.
         ("horse_ref.obj", "horse-05.obj", [-1.3, 0.4, 2.6]),
@@ -418,11 +418,6 @@ fn limbs_in_another_pose_go_to_the_right_limbs() {
             rivals.fold(1.0, f64::min) > 2.0 * defect,
             "{from} to {to}: {defect}, {:?}",
             report.alternatives
-        );
-        let kind = report.starts[report.start].kind;
-        assert!(
-            matches!(kind, PairStartKind::Intrinsic | PairStartKind::Extremities),
-            "{from} to {to}: {kind:?}"
         );
         assert!(!report.stretch.looks_wrong(), "{from} to {to}: {:?}", report.stretch);
     }
