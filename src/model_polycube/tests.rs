@@ -141,7 +141,7 @@ fn voxels_follow_where_nothing_is_deformed_and_every_phase_cancels() {
     };
     let error = make_model_polycube(&ball, &only, &|_| {}).unwrap_err();
     assert!(error.is_without_polycube() && !error.is_cancelled(), "{error}");
-    // Of a fine lattice many cells are along a voxel.
+    // With a fine lattice, the edge of a voxel is many cells long.
     let fine = ModelPolycubeOptions {
         deformation: PolycubeOptions {
             lattice: Some(CellSize::Length(1e-7)),

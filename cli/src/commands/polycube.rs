@@ -175,10 +175,10 @@ fn options(args: &PolycubeArgs) -> anyhow::Result<ModelPolycubeOptions> {
 
 /// What is bad about a polycube of voxels, if anything.
 fn poor_voxels(report: &VoxelReport) -> Vec<String> {
-    let hint = "Smaller voxels may follow the model more closely (--lattice SIZE), and `--polycube deformed` may find another kind of polycube";
+    let hint = "`--polycube deformed` makes more attempts at a deformation, which distorts less where it succeeds";
     let missed = (report.missed > 0).then(|| {
         format!(
-            "{} vertices of the model are farther than a voxel from the polycube, so that thin parts may have none. {hint}",
+            "{} vertices of the model are farther than a voxel from the polycube, so that thin parts may be missing. {hint}",
             report.missed
         )
     });

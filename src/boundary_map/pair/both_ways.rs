@@ -114,7 +114,7 @@ impl PairMapping<'_> {
     }
 }
 
-/// What was found, if anything was: that the search fails the other way is no reason to fail.
+/// What a search has found; `None` where it failed, since the first map is there. Only a cancellation is passed on.
 fn some_or_cancelled(found: Result<Option<SoftTargetMaps>, PairError>) -> Result<Option<SoftTargetMaps>, PairError> {
     match found {
         Err(PairError::Cancelled) => Err(PairError::Cancelled),

@@ -81,7 +81,7 @@ impl NearerIsometry {
 }
 
 impl IntrinsicShapes {
-    /// Those of the target and its domain.
+    /// The same shapes for the map back: domain and target exchanged.
     pub fn exchanged(&self) -> Self {
         Self {
             domain: self.target.clone(),

@@ -22,8 +22,8 @@ const SCHEDULES: [SoftTargetSchedule; 4] = [
     SoftTargetSchedule::new(10.0, 200),
     SoftTargetSchedule::new(100.0, 60),
 ];
-/// More schedules for the starts that led to the best embeddings: which of them leaves no limb turned or bent differs, too. A head
-/// that is turned round is right in a few of them, mostly of those that end early; ratings tell these from the others.
+/// More schedules for the starts that led to the best embeddings: which of them leaves no limb turned or bent differs, too.
+/// Where most of them turn a head round, a few do not, mostly of those that end early; these are rated best.
 const MORE_SCHEDULES: [SoftTargetSchedule; 10] = [
     SoftTargetSchedule::new(3.0, 40),
     SoftTargetSchedule::new(3.0, 60),

@@ -16,7 +16,7 @@ pub struct CarriedScalar {
     pub name: String,
     /// Its values at the points that were asked for.
     pub values: Vec<f64>,
-    /// Whether they name things.
+    /// Whether they are labels, such as numbers of parts, which have no values between them.
     pub is_label: bool,
 }
 
@@ -93,7 +93,7 @@ pub fn fields(
 }
 
 impl Scalar {
-    /// On a scale whose `ends` are found from the values that the least and the largest 1 % are beyond.
+    /// `ends` makes the ends of the scale from the quantiles at 1 and 99 %.
     fn new(samples: &LatticeSamples, values: Vec<f64>, palette: Palette, ends: impl Fn([f64; 2]) -> [f64; 2]) -> Self {
         Self::with_ends(samples, values, palette, |[_, few, most_of, _]| ends([few, most_of]))
     }

@@ -21,9 +21,9 @@ use crate::args::{PageSizeArgs, UpKind};
 use crate::drawing::significant;
 use neighbours::{boundary_triangles, neighbours};
 
-/// More different values than these are not taken for labels.
+/// The most different values of a field that is taken for labels.
 const MOST_LABELS: usize = 64;
-/// The largest whole number up to which pages, which have single precision, hold all.
+/// Pages have single precision, which holds every whole number up to this one.
 const LARGEST_LABEL: f64 = 16_777_216.0;
 
 /// A page of a mesh.

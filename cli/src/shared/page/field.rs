@@ -37,6 +37,6 @@ pub enum Palette {
     Ratio,
     /// The less, the brighter: what is bad stands out.
     Quality,
-    /// Whole numbers that name things: each has a colour.
+    /// Labels: whole numbers with a colour each.
     Labels,
 }

@@ -87,7 +87,8 @@ export function legend(palettes, wrongMeaning) {
 
 /** The colours of the labels of a field in their order, or of as many as are told apart. */
 function labelsIn({ low, high }, colours) {
-  const count = Math.min(high - low + 1, 4 * colours.length);
-  const first = ((low % colours.length) + colours.length) % colours.length;
+  const [least, most] = [low, high].map(Math.round);
+  const count = Math.min(most - least + 1, 4 * colours.length);
+  const first = ((least % colours.length) + colours.length) % colours.length;
   return Array.from({ length: count }, (_, k) => colours[(first + k) % colours.length]);
 }
