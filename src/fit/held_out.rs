@@ -21,7 +21,7 @@ const TRIANGLES: usize = 100_000;
 /// of the diagonal, and the two errors add in quadrature: the measured error is off by half a percent.
 const PART_OF_ERROR: f64 = 0.3;
 /// Largest relative error allowed in these sums, whatever the map's error.
-const MAX_SUM_ERROR: f64 = 1e-4;
+pub(super) const MAX_SUM_ERROR: f64 = 1e-4;
 
 /// Distance of a map from the boundary map at points of the boundary that depend on the seed: averages over `even` points,
 /// spread by area, the largest also over one in each triangle.
@@ -41,6 +41,11 @@ pub fn boundary_error(
     let pairs = images.par_iter().zip(&exact);
     let errors: Vec<f64> = pairs.map(|(image, exact)| (image - exact).norm() / diagonal).collect();
     held_out.boundary_error(&errors)
+}
+
+/// Relative error of sums that measure maps of about this error.
+pub(super) fn sum_accuracy(expected_error: f64) -> f64 {
+    (PART_OF_ERROR * expected_error).min(MAX_SUM_ERROR)
 }
 
 /// Points of the boundary that are not collocation points.
@@ -78,6 +83,11 @@ impl HeldOut {
         }
     }
 
+    /// The points that are spread evenly by area, and their positions in the domain.
+    pub fn even(&self) -> (&[SurfacePoint], &[Point]) {
+        (&self.points[..self.even], &self.positions[..self.even])
+    }
+
     /// To be called when sources were added.
     pub fn forget_sources(&mut self) {
         self.evaluator = OnceLock::new();
@@ -97,7 +107,7 @@ impl HeldOut {
                 self.evaluator.get_or_init(|| evaluator)
             }
         };
-        let accuracy = (PART_OF_ERROR * solution.expected_error()).min(MAX_SUM_ERROR);
+        let accuracy = sum_accuracy(solution.expected_error());
         let values = evaluator.values(system, solution, accuracy)?;
         let error_of = |(k, data): (usize, &BoundaryData)| {
             let exact = data.values_at(&self.points);

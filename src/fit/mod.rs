@@ -7,6 +7,7 @@ mod boundary_data;
 mod distant;
 mod domain;
 mod error;
+mod frames;
 mod held_out;
 mod image_spacing;
 mod levels;
@@ -29,6 +30,7 @@ use std::sync::Arc;
 
 pub(crate) use boundary_data::is_flat;
 pub use error::FitError;
+pub use frames::{FrameEvaluator, FrameImages};
 pub use held_out::boundary_error;
 pub use options::{FitMethod, FitOptions, Placement};
 pub use phase::Phase;

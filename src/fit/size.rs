@@ -66,8 +66,8 @@ impl FitSize {
                     let rounds = self.refinements as f64;
                     let per_row = PER_ROW + PER_ROW_AND_ROUND * rounds;
                     let local = match self.patch_entries {
-                        Some(entries) => 8.0 * entries as f64,
-                        None => 8.0 * uniform_patch_sources(&options) * sources,
+                        Some(entries) => 4.0 * entries as f64,
+                        None => 4.0 * uniform_patch_sources(&options) * sources,
                     };
                     per_row * rows + PER_SOURCE * sources + local + coarsest(sources) + distant::BYTES
                 }

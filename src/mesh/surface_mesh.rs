@@ -109,6 +109,16 @@ impl SurfaceMesh {
         (0..self.triangles.len()).map(|t| self.area_vector(t).norm()).sum()
     }
 
+    /// A third of the area of the triangles at each vertex.
+    pub fn vertex_areas(&self) -> Vec<f64> {
+        let mut areas = vec![0.0; self.vertices().len()];
+        for (index, corners) in self.triangles().iter().enumerate() {
+            let third = self.area_vector(index).norm() / 3.0;
+            corners.iter().for_each(|&v| areas[v as usize] += third);
+        }
+        areas
+    }
+
     /// Enclosed volume by the divergence theorem: positive when the surface is closed and oriented outward; shells
     /// that bound cavities are oriented into the cavity and count negatively.
     pub fn volume(&self) -> f64 {

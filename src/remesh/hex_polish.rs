@@ -147,7 +147,7 @@ impl<'a> HexPolish<'a> {
         monitor: &'a ProgressSender<'a, (usize, usize)>,
     ) -> Self {
         let vertices = surface.map(|surface| {
-            let areas = vertex_areas(surface.target);
+            let areas = surface.target.vertex_areas();
             let used = surface.target.vertices().iter().copied().zip(areas);
             let used: Vec<(Point, f64)> = used.filter(|(_, area)| *area > 0.0).collect();
             let every = used
@@ -584,16 +584,6 @@ fn mean_edges(mesh: &BoundedMesh, x: &[Point]) -> (Vec<f64>, f64) {
         false => 1.0,
     };
     (sums.into_iter().map(edge).collect(), mean)
-}
-
-/// A third of the area of the triangles at each vertex.
-fn vertex_areas(surface: &SurfaceMesh) -> Vec<f64> {
-    let mut areas = vec![0.0; surface.vertices().len()];
-    for (index, t) in surface.triangles().iter().enumerate() {
-        let third = surface.area_vector(index).norm() / 3.0;
-        t.iter().for_each(|&v| areas[v as usize] += third);
-    }
-    areas
 }
 
 #[cfg(test)]

@@ -184,7 +184,7 @@ pub fn map_to_sphere<A: ProgressResponse>(
         .map_err(failed)?;
     require_not_cancelled(&monitor)?;
     if options.energy == SphereEnergy::Conformal {
-        centre(surface.triangles(), &vertex_areas(&surface), &mut directions);
+        centre(surface.triangles(), &surface.vertex_areas(), &mut directions);
     }
     rotate_to_surface(&surface, &mut directions);
     let report = SphereReport {
@@ -264,20 +264,10 @@ fn optimise_coarse(embedding: &mut PartialEmbedding, points: &[Point], weights: 
         .and_then(|mut newton| newton.minimise(&energy, &mut embedding.directions, &options, &|| true));
 }
 
-/// A third of the area of the triangles at each vertex.
-fn vertex_areas(surface: &SurfaceMesh) -> Vec<f64> {
-    let mut areas = vec![0.0; surface.vertices().len()];
-    for (t, corners) in surface.triangles().iter().enumerate() {
-        let third = surface.area_vector(t).norm() / 3.0;
-        corners.iter().for_each(|&v| areas[v as usize] += third);
-    }
-    areas
-}
-
 /// Rotates the embedding so that the directions of vertices are as close as possible to those from the surface's
 /// centroid, unless rounding would invert a triangle.
 fn rotate_to_surface(surface: &SurfaceMesh, directions: &mut Vec<Vector>) {
-    let weights = vertex_areas(surface);
+    let weights = surface.vertex_areas();
     let total: f64 = weights.iter().sum();
     let positions = surface.vertices().iter().zip(&weights);
     let centre: Vector = positions.map(|(p, w)| *w / total * p.coords).sum();
