@@ -3,9 +3,9 @@
 use super::bijective::{Bijective, bijective_new, bijective_of};
 use super::hexmesh::{Hexmesh, hexmesh_defaults, make_hexmesh};
 use super::maps::{
-    Boundaries, Boundary, Factored, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
-    boundary_to_sphere, boundary_to_torus, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load,
-    no_boundaries,
+    Boundaries, Boundary, Factored, Frames, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new,
+    boundary_pair, boundary_to_sphere, boundary_to_torus, factor_new, factor_refined, fit, fit_defaults, frames_new,
+    inverse_new, map_load, no_boundaries,
 };
 use super::measures::{
     certified, distortion_in_cells, distortion_on_grid, energies_in_cells, energies_on_grid, energy_densities,
@@ -171,6 +171,13 @@ pub(super) mod ffi {
         seconds_solve: f64,
         seconds_check: f64,
         warnings: Vec<String>,
+    }
+
+    struct FrameImages {
+        images: Vec<f64>,
+        boundary_rms: f64,
+        left_out: f64,
+        solved: usize,
     }
 
     struct Preimage {
@@ -553,6 +560,11 @@ pub(super) mod ffi {
         fn solve_images(self: &Factored, images: &[f64], watcher: &Watcher) -> Result<Box<Map>>;
         fn solve_many(self: &Factored, boundaries: &Boundaries, watcher: &Watcher) -> Result<Box<Maps>>;
         fn solve_many_images(self: &Factored, images: &[f64], watcher: &Watcher) -> Result<Box<Maps>>;
+
+        type Frames;
+        fn frames_new(factored: &Factored, points: &[f64], most_modes: usize) -> Result<Box<Frames>>;
+        fn modes(self: &Frames) -> Result<usize>;
+        fn evaluate(self: &Frames, images: &[f64], watcher: &Watcher) -> Result<FrameImages>;
 
         type Inverse;
         fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usize) -> Result<Box<Inverse>>;

@@ -1,7 +1,7 @@
 //! Boundary maps, fits, fitted maps and their inverses.
 
 use std::ops::ControlFlow;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
@@ -11,7 +11,9 @@ use super::{flat, path};
 use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairPhase, fitting_torus, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
-use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, LocalError, Phase, Placement};
+use solidmap::fit::{
+    self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, FrameEvaluator, LocalError, Phase, Placement,
+};
 use solidmap::improve::{ImproveEnd, ImproveOptions, ImprovePhase, improve_boundary};
 use solidmap::inverse::{InverseMap, InverseOptions, Preimage};
 use solidmap::map::{HarmonicMap, VolumeMap};
@@ -37,10 +39,12 @@ pub struct Maps(Vec<Option<Fit>>);
 /// The domain as it was given, and as it was factored.
 pub struct Factored {
     domain: SurfaceMesh,
-    factor: DomainFactor,
+    factor: Arc<DomainFactor>,
     /// The map of the boundary map that it was refined for.
     first: Option<Fit>,
 }
+
+pub struct Frames(Mutex<FrameEvaluator>);
 
 pub struct Inverse {
     /// Borrows from `_map` and `_file`. Declared first, so that it is dropped first.
@@ -57,6 +61,7 @@ const _: () = {
     shared::<Boundary>();
     shared::<Map>();
     shared::<Factored>();
+    shared::<Frames>();
     shared::<Inverse>();
 };
 
@@ -499,7 +504,7 @@ pub fn factor_new(domain: &Surface, options: &ffi::FitOptions, watcher: &Watcher
         let factor = DomainFactor::new(&domain.0, &fit_options(options)?, &|phase| on_phase(watcher, phase))?;
         Ok(Box::new(Factored {
             domain: domain.0.clone(),
-            factor,
+            factor: Arc::new(factor),
             first: None,
         }))
     })
@@ -516,7 +521,7 @@ pub fn factor_refined(
         let first = factor.solve_refined(&boundary.0, &|phase| on_phase(watcher, phase))?;
         Ok(Box::new(Factored {
             domain: domain.clone(),
-            factor,
+            factor: Arc::new(factor),
             first: Some(first),
         }))
     })
@@ -575,6 +580,38 @@ impl Factored {
     fn solved_together(&self, boundaries: &[BoundaryMap], watcher: &Watcher) -> Result<Box<Maps>, Error> {
         let fits = self.factor.solve_block(boundaries, &|phase| on_phase(watcher, phase))?;
         Ok(Box::new(Maps(fits.into_iter().map(Some).collect())))
+    }
+}
+
+pub fn frames_new(factored: &Factored, points: &[f64], most_modes: usize) -> Result<Box<Frames>, Error> {
+    guarded(|| {
+        let points = whole_points("points", points)?;
+        let frames = FrameEvaluator::new(Arc::clone(&factored.factor), points, most_modes)?;
+        Ok(Box::new(Frames(Mutex::new(frames))))
+    })
+}
+
+impl Frames {
+    pub fn modes(&self) -> Result<usize, Error> {
+        guarded(|| Ok(self.locked().modes()))
+    }
+
+    pub fn evaluate(&self, images: &[f64], watcher: &Watcher) -> Result<ffi::FrameImages, Error> {
+        guarded(|| {
+            let images = whole_points("images", images)?.to_vec();
+            let frame = self.locked().evaluate(images, &|phase| on_phase(watcher, phase))?;
+            Ok(ffi::FrameImages {
+                images: frame.images.iter().flat_map(|p| p.coords.data.0[0]).collect(),
+                boundary_rms: frame.boundary_rms,
+                left_out: frame.left_out,
+                solved: frame.solved,
+            })
+        })
+    }
+
+    /// Modes are added whole, so that they are sound after a panic, too.
+    fn locked(&self) -> MutexGuard<'_, FrameEvaluator> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

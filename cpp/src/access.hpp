@@ -27,6 +27,7 @@ struct HarmonicMapImpl : Held<ffi::Map> {};
 struct InverseImpl : Held<ffi::Inverse> {};
 struct BijectiveMapImpl : Held<ffi::Bijective> {};
 struct FactorImpl : Held<ffi::Factored> {};
+struct FrameEvaluatorImpl : Held<ffi::Frames> {};
 
 /// The one friend of the public classes.
 struct Access {

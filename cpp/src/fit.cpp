@@ -123,4 +123,26 @@ std::vector<HarmonicMap> Factor::solve_many(Span<const BoundaryMap> boundaries, 
   });
 }
 
+FrameEvaluator::FrameEvaluator(const Factor& factor, Span<const Point> points, std::size_t most_modes)
+    : impl_(guarded([&] {
+        return Access::held<FrameEvaluatorImpl>(ffi::frames_new(Access::of(factor), flat(points), most_modes));
+      })) {}
+
+FrameImages FrameEvaluator::evaluate(Span<const Point> images, const ProgressCallback& progress) const {
+  const ffi::FrameImages found = watched(progress, [&](const Watcher& watcher) {
+    return Access::of(*this).evaluate(flat(images), watcher);
+  });
+  FrameImages frame;
+  frame.images.resize(found.images.size() / 3);
+  for (std::size_t i = 0; i < found.images.size(); ++i) frame.images[i / 3][i % 3] = found.images[i];
+  frame.boundary_rms = found.boundary_rms;
+  frame.left_out = found.left_out;
+  frame.solved = found.solved;
+  return frame;
+}
+
+std::size_t FrameEvaluator::modes() const {
+  return guarded([&] { return Access::of(*this).modes(); });
+}
+
 }  // namespace solidmap

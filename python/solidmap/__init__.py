@@ -37,7 +37,7 @@ from ._errors import (
     UnsupportedError,
 )
 from ._fields import Transferred
-from ._fit import Factor, fit, memory_estimate
+from ._fit import Factor, FrameEvaluator, FrameImages, fit, memory_estimate
 from ._map import FOLDED, NOT_FINITE, NOT_FOUND, OK, OUTSIDE, Densities, Map, Preimages
 from ._meshes import CarriedMesh, Mesh, Surface, check, offset_surface, signed_distance, tetrahedralise
 from ._polycube import BestAttempt, Hexmesh, Polycube, hexmesh, polycube
@@ -75,6 +75,8 @@ __all__ = [
     "Factor",
     "FileError",
     "FitReport",
+    "FrameEvaluator",
+    "FrameImages",
     "HAS_NATIVE",
     "Hexmesh",
     "InternalError",

@@ -16,6 +16,7 @@ __all__ = [
     "compare",
     "mesh_metrics",
     "Factor",
+    "FrameEvaluator",
     "fit",
     "fit_memory",
     "Map",
@@ -214,6 +215,13 @@ class Factor:
     def warnings(self) -> List[str]: ...
     def solve(self, boundary: Boundary, progress: _Progress) -> Tuple[Map, bool]: ...
     def solve_many(self, frames: _Floats, progress: _Progress) -> List[Tuple[Map, bool]]: ...
+
+@final
+class FrameEvaluator:
+    def __new__(cls, factor: Factor, points: _Floats, most_modes: int) -> FrameEvaluator: ...
+    def evaluate(self, images: _Floats, progress: _Progress = None) -> Tuple[_Floats, float, float, int]: ...
+    @property
+    def modes(self) -> int: ...
 
 @final
 class Map:

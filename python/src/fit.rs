@@ -1,8 +1,8 @@
 //! Fits, and factors of domains that serve many of them.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use numpy::PyReadonlyArray3;
+use numpy::{PyArray2, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
@@ -10,6 +10,7 @@ use solidmap::fit::{DomainFactor, Fit, FitMethod, FitOptions, FitSize, Phase, Pl
 use solidmap::mesh::SurfaceMesh;
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
+use crate::arrays::{Points, from_points};
 use crate::boundary::{Boundary, Inputs, provenance};
 use crate::error::Failure;
 use crate::map::Map;
@@ -236,6 +237,52 @@ impl Factor {
             };
             Ok(fits.into_iter().map(with_verdict).collect())
         })
+    }
+}
+
+/// Images of fixed points in one frame after the other.
+#[pyclass(frozen, module = "solidmap._solidmap")]
+pub struct FrameEvaluator(Arc<Mutex<solidmap::fit::FrameEvaluator>>);
+
+#[pymethods]
+impl FrameEvaluator {
+    #[new]
+    fn new<'py>(
+        py: Python<'py>,
+        factor: &Factor,
+        points: PyReadonlyArray2<'py, f64>,
+        most_modes: usize,
+    ) -> PyResult<Self> {
+        let (factor, points) = (Arc::clone(&factor.factor), Points::of("points", &points)?);
+        run(py, None, None, move |_| {
+            let frames = solidmap::fit::FrameEvaluator::new(factor, &points, most_modes)?;
+            Ok(Self(Arc::new(Mutex::new(frames))))
+        })
+    }
+
+    /// Images of the points, the boundary's root mean square error, what is left out, and the modes that were solved for.
+    #[pyo3(signature = (images, progress=None))]
+    #[allow(clippy::type_complexity, reason = "fields of a result")]
+    fn evaluate<'py>(
+        &self,
+        py: Python<'py>,
+        images: PyReadonlyArray2<'py, f64>,
+        progress: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, f64, f64, usize)> {
+        let (frames, images) = (Arc::clone(&self.0), Points::of("images", &images)?);
+        let found = run(py, progress, None, move |watch| {
+            // Modes are added whole, so that they are sound after a panic, too.
+            let mut frames = frames.lock().unwrap_or_else(PoisonError::into_inner);
+            Ok(frames.evaluate(images.to_vec(), &|phase| watch.tell(|| fit_step(phase)))?)
+        })?;
+        let images = from_points(py, found.images)?;
+        Ok((images, found.boundary_rms, found.left_out, found.solved))
+    }
+
+    #[getter]
+    fn modes(&self, py: Python) -> usize {
+        let frames = Arc::clone(&self.0);
+        py.detach(move || frames.lock().unwrap_or_else(PoisonError::into_inner).modes())
     }
 }
 

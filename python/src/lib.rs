@@ -32,7 +32,7 @@ mod _solidmap {
     #[pymodule_export]
     use crate::compare::{compare, mesh_metrics};
     #[pymodule_export]
-    use crate::fit::{Factor, fit, fit_memory};
+    use crate::fit::{Factor, FrameEvaluator, fit, fit_memory};
     #[pymodule_export]
     use crate::map::Map;
     #[pymodule_export]

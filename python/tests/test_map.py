@@ -101,6 +101,30 @@ def test_maps_of_a_factor_are_those_of_fits(ball, images, inside):
         factor.solve_many(np.stack([images, images * np.nan]))
 
 
+def test_frames_at_fixed_points_are_those_of_their_maps(ball, images, inside):
+    factor = solidmap.Factor(ball)
+    frames = solidmap.FrameEvaluator(factor, inside)
+    assert frames.modes == 4 and "modes" in repr(frames)
+    first = frames.evaluate(images)
+    assert 0 < first.solved <= 3 and first.images.shape == inside.shape
+    assert np.allclose(first.images, factor.solve(images)(inside), atol=1e-4)
+    assert first.boundary_rms < 2e-4 and first.left_out < 1e-9
+    again = frames.evaluate(0.5 * images + ball.points[:, ::-1])
+    assert again.solved == 0 and frames.modes == 4 + first.solved
+    assert np.allclose(again.images, 0.5 * first.images + inside[:, ::-1], atol=1e-9)
+    assert np.array_equal(frames(images), frames.evaluate(images).images)
+    restored = pickle.loads(pickle.dumps(solidmap.FrameEvaluator(factor, inside, most_modes=4)))
+    assert np.allclose(restored(images), first.images, atol=1e-6) and restored.modes == 4
+    with pytest.raises(solidmap.InvalidInputError, match="the domain has 642 vertices and the image 5"):
+        frames(np.zeros((5, 3)))
+    with pytest.raises(solidmap.InvalidInputError, match=r"images\[0\] is"):
+        frames(images * np.nan)
+    with pytest.raises(solidmap.InvalidTypeError, match="factor is a Surface"):
+        solidmap.FrameEvaluator(ball, inside)
+    with pytest.raises(solidmap.InvalidInputError, match="most_modes is -1"):
+        solidmap.FrameEvaluator(factor, inside, most_modes=-1)
+
+
 def test_the_target_may_be_a_surface_or_the_sphere(ball):
     box = solidmap.shapes.cube(2.0, 6)
     onto = solidmap.fit(box, target="sphere", tolerance=1e-2)

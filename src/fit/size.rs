@@ -2,7 +2,7 @@
 //!
 //! The constants are fitted to the peak resident set of whole runs of the program (x86-64, Linux), of which they are within
 //! 30 %: Schwarz fits of 5k to 1M vertices at several ratios of sources and collocation points to vertices, refined ones
-//! of up to ten rounds, and dense ones of 100 to 4000 sources.
+//! of up to six rounds, and dense ones of 100 to 4000 sources.
 
 use super::options::PointCounts;
 use super::{FitError, FitMethod, FitOptions, RefinementEnd, distant};
@@ -168,7 +168,7 @@ const PER_ROW_AND_ROUND: f64 = 100.0;
 const PER_POINT_AND_MAP: f64 = 240.0;
 
 /// Bytes for each source in trees and vectors.
-const PER_SOURCE: f64 = 800.0;
+const PER_SOURCE: f64 = 600.0;
 
 /// Number of sources of a patch where they are uniformly spaced: the length of a column of its inverse.
 fn uniform_patch_sources(options: &SchwarzOptions) -> f64 {
@@ -203,27 +203,27 @@ mod tests {
         let schwarz = FitMethod::default();
         let (qr, svd) = (dense(Decomposition::Qr), dense(Decomposition::Svd));
         let unrefined = [
-            (schwarz, 4842, 5246, 14_522, 72.0),
-            (schwarz, 15_002, 16_564, 45_002, 134.7),
-            (schwarz, 50_412, 54_995, 151_232, 356.5),
-            (schwarz, 50_412, 54_995, 302_277, 464.0),
-            (schwarz, 50_412, 16_701, 151_232, 226.8),
-            (schwarz, 134_345, 146_774, 403_031, 805.2),
-            (schwarz, 134_345, 11_110, 30_000, 175.9),
-            (schwarz, 316_842, 345_814, 950_522, 1818.1),
-            (schwarz, 998_562, 1_089_289, 2_995_682, 5438.3),
+            (schwarz, 4842, 5246, 14_522, 72.9),
+            (schwarz, 15_002, 16_564, 45_002, 111.2),
+            (schwarz, 50_412, 54_995, 151_232, 247.1),
+            (schwarz, 50_412, 54_995, 302_277, 333.6),
+            (schwarz, 50_412, 16_923, 151_232, 199.7),
+            (schwarz, 134_345, 146_774, 403_031, 584.0),
+            (schwarz, 134_345, 11_110, 30_000, 164.9),
+            (schwarz, 316_842, 345_814, 950_522, 1207.2),
+            (schwarz, 998_562, 1_089_289, 2_995_682, 3721.2),
             (qr, 134_345, 100, 300, 170.0),
             (qr, 15_002, 999, 3000, 59.6),
             (qr, 15_002, 4000, 11_996, 444.9),
             (svd, 15_002, 2000, 6000, 616.3),
         ];
         let refined = [
-            (2, (schwarz, 4331, 8210, 23_456, 99.5)),
-            (2, (schwarz, 6256, 7371, 20_543, 110.0)),
-            (6, (schwarz, 4331, 78_579, 234_563, 566.6)),
-            (6, (schwarz, 6256, 52_636, 156_338, 367.8)),
-            (8, (schwarz, 4331, 434_849, 1_303_472, 3054.1)),
-            (10, (schwarz, 6256, 243_193, 728_009, 1870.5)),
+            (2, (schwarz, 4331, 10_812, 31_262, 126.3)),
+            (2, (schwarz, 6256, 7416, 20_678, 122.3)),
+            (2, (schwarz, 4331, 64_987, 193_787, 356.3)),
+            (2, (schwarz, 6256, 94_938, 283_244, 458.2)),
+            (3, (schwarz, 4331, 50_585, 150_581, 279.8)),
+            (6, (schwarz, 6256, 52_225, 155_105, 318.9)),
         ];
         for (refinements, run) in unrefined.map(|run| (0, run)).into_iter().chain(refined) {
             let (method, vertices, sources, collocation, measured) = run;

@@ -218,6 +218,33 @@ TEST_CASE("a kept factor answers one frame, many frames and boundary maps alike"
   CHECK(refined.solve(boundaries[2]).boundary_error().p99 <= 1.1e-3);
 }
 
+TEST_CASE("frames at fixed points are those of their maps, and cost a solution only once") {
+  const Surface ball = shapes::sphere(1.0, 3);
+  const Factor factor(ball);
+  const auto points = points_in_ball(50, 0.9);
+  const FrameEvaluator frames(factor, points);
+  CHECK(frames.modes() == 4);
+  const auto images = mapped(ball.vertices(), [&](const Point& p) { return twisted(p, 0.3); });
+  const FrameImages first = frames.evaluate(images);
+  CHECK(first.solved > 0);
+  CHECK(frames.modes() == 4 + first.solved);
+  const HarmonicMap alone = factor.solve(images);
+  CHECK(farthest(first.images, alone.evaluate(points)) < 1e-3);
+  CHECK(first.boundary_rms < 2e-3);
+  const FrameEvaluator shared = frames;
+  const auto larger = mapped(images, [](const Point& p) { return Point{2 * p[0], 2 * p[1] + 1, 2 * p[2]}; });
+  const FrameImages second = shared.evaluate(larger);
+  CHECK(second.solved == 0);
+  CHECK(second.left_out < 1e-9);
+  const auto expected = mapped(first.images, [](const Point& p) { return Point{2 * p[0], 2 * p[1] + 1, 2 * p[2]}; });
+  CHECK(farthest(second.images, expected) < 1e-9);
+  CHECK(thrown_by([&] { frames.evaluate(points); }) == "invalid_input");
+  CHECK(thrown_by([&] {
+          frames.evaluate(mapped(ball.vertices(), [&](const Point& p) { return twisted(p, 0.9); }),
+                          [](const Progress&) { return false; });
+        }) == "cancelled");
+}
+
 TEST_CASE("the inverse undoes the map") {
   const HarmonicMap map = fit(twisted_ball());
   const auto points = points_in_ball(60, 0.95);
