@@ -1,9 +1,11 @@
 //! The pipeline by stage, on the polycube of the demonstration.
 
+use std::sync::Arc;
+
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::boundary_map::{BoundaryMap, examples};
 use solidmap::energy::{AdaptiveOptions, EnergyOptions, GridResolution, adaptive_energies, clipped_grid, energies};
-use solidmap::fit::{DomainFactor, FitMethod, FitOptions, fit};
+use solidmap::fit::{DomainFactor, FitMethod, FitOptions, FrameEvaluator, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::solver::{Decomposition, DenseOptions};
@@ -171,6 +173,35 @@ pub fn frames(criterion: &mut Criterion) {
             });
         });
     }
+    group.finish();
+}
+
+/// Images of 20 000 fixed points in frames of a swimming solid, after those of a whole cycle.
+pub fn frames_at_points(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("fit/frames_at_points");
+    let domain = shapes::bumpy_sphere(32);
+    let factor = DomainFactor::new(&domain, &FitOptions::default(), &|_| {}).expect("the domain is sound");
+    let point = |i: usize| {
+        let (t, r) = (i as f64, 0.6 * (i as f64 / 20_000.0).cbrt());
+        Point::new(
+            r * t.cos(),
+            r * t.sin() * (0.3 * t).cos(),
+            r * t.sin() * (0.3 * t).sin(),
+        )
+    };
+    let points: Vec<Point> = (0..20_000).map(point).collect();
+    let mut evaluator = FrameEvaluator::new(Arc::new(factor), &points, 300).expect("there are few points");
+    let frames: Vec<Vec<Point>> = (0..3 * FRAMES)
+        .map(|frame| swimming(&domain, frame, 0.0).image().to_vec())
+        .collect();
+    for frame in &frames {
+        evaluator.evaluate(frame.clone(), &|_| {}).expect("the frame is sound");
+    }
+    let name = format!("{} modes/{} vertices", evaluator.modes(), domain.vertices().len());
+    let mut next = frames.iter().cycle();
+    group.bench_function(name, |b| {
+        b.iter(|| evaluator.evaluate(next.next().expect("it is endless").clone(), &|_| {}));
+    });
     group.finish();
 }
 

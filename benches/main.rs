@@ -25,6 +25,7 @@ criterion_group!(
     fit::factor,
     fit::solve,
     fit::frames,
+    fit::frames_at_points,
     fit::evaluate,
     fit::energy,
     geometry::build,
