@@ -20,6 +20,7 @@ namespace solidmap {
 
 namespace detail {
 struct FactorImpl;
+struct FrameEvaluatorImpl;
 }
 
 /// Where the sources are placed.
