@@ -51,7 +51,7 @@ struct Patch {
     /// Reciprocal norms of the sources' columns.
     scales: Vec<f64>,
     /// The columns of the inverse normal matrix of unit columns that belong to the core: `sources × core`. A correction need not
-    /// be exact, and products with it are bound by memory.
+    /// be exact.
     inverse: Mat<f32>,
 }
 
@@ -168,36 +168,24 @@ impl Patch {
     }
 
     /// The core's part of the solution of the normal equations.
+    ///
+    /// Summed in double precision: in single precision, right-hand sides that differ by rounding would have solutions that differ
+    /// by much more.
     fn solve_core(&self, rhs: &Mat<f64>) -> Mat<f64> {
-        let columns = rhs.ncols();
-        let largest = |k: usize| {
-            let scaled = rhs
-                .col_as_slice(k)
-                .iter()
-                .zip(&self.scales)
-                .map(|(value, scale)| (value * scale).abs());
-            scaled.fold(0.0, f64::max)
-        };
-        // Right-hand sides of any size fit into single precision.
-        let sizes: Vec<f64> = (0..columns)
-            .map(|k| Some(largest(k)).filter(|&size| size > 0.0).unwrap_or(1.0))
-            .collect();
-        let unit = Mat::from_fn(rhs.nrows(), columns, |i, k| {
-            (rhs[(i, k)] * self.scales[i] / sizes[k]) as f32
-        });
-        let mut solution = Mat::<f32>::zeros(self.core, columns);
+        let (sources, columns) = (self.sources.len(), rhs.ncols());
+        let own = &self.scales[sources - self.core..];
+        let inverse = Mat::from_fn(sources, self.core, |i, j| f64::from(self.inverse[(i, j)]) * own[j]);
+        let scaled = Mat::from_fn(sources, columns, |i, k| rhs[(i, k)] * self.scales[i]);
+        let mut solution = Mat::zeros(self.core, columns);
         matmul(
             solution.as_mut(),
             Accum::Replace,
-            self.inverse.transpose(),
-            &unit,
+            inverse.transpose(),
+            &scaled,
             1.0,
             Par::Seq,
         );
-        let own = &self.scales[self.sources.len() - self.core..];
-        Mat::from_fn(self.core, columns, |i, k| {
-            f64::from(solution[(i, k)]) * sizes[k] * own[i]
-        })
+        solution
     }
 
     /// `Aᵀ W r` with the patch's rows and sources.
@@ -364,8 +352,9 @@ mod tests {
         Values::new(columns, values.collect())
     }
 
-    /// Up to three columns are projected by kernel sums, more by matrix products. The condition number is about 1e3, so that
-    /// single precision in the normal matrix changes the least coefficients by a few percent, but hardly the residual.
+    /// Up to three columns are projected by kernel sums, more by matrix products. The condition number is about 1e3, and its
+    /// square times the rounding of single precision leaves some percent in the least singular directions. An iteration makes
+    /// the residual some ten times smaller, and does not notice.
     #[test]
     fn a_single_patch_is_dense_least_squares() {
         let (level, points) = level();
@@ -395,7 +384,7 @@ mod tests {
             };
             let difference = size(&image(&found).minus(&image(&expected)));
             assert!(
-                difference < 1e-3 * size(&data),
+                difference < 1e-2 * size(&data),
                 "{columns} columns: {:e}",
                 difference / size(&data)
             );
