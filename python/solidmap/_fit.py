@@ -367,8 +367,8 @@ class FrameEvaluator:
     >>> frames = solidmap.FrameEvaluator(solidmap.Factor(ball), [[0.5, 0, 0], [0, 0, 0.5]])
     >>> x, y, z = ball.points.T
     >>> bent = lambda by: ball.points + [[by, 0, 0]] * (y * y - z * z)[:, None]
-    >>> frames(bent(0.4)).round(2).tolist()
-    [[0.5, 0.0, 0.0], [-0.1, 0.0, 0.5]]
+    >>> frames(bent(0.4))[:, 0].round(2).tolist()
+    [0.5, -0.1]
     >>> frames.evaluate(bent(0.2)).solved
     0
     """
