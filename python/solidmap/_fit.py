@@ -333,7 +333,7 @@ class FrameImages:
     """Images of fixed points in one frame, and how far they can be trusted."""
 
     images: NDArray[np.float64]
-    """Of the points, ``(m, 3)``."""
+    """Where the points go: an image for each, ``(m, 3)``."""
     boundary_rms: float
     """Root mean square of the map's distance from the frame at held-out points of the boundary, over the diagonal of the frame's
     bounding box: at most that."""
@@ -358,7 +358,7 @@ class FrameEvaluator:
         ``(m, 3)`` points inside it.
     most_modes : int
         At most so many modes are kept, each 8 bytes per vertex, point and held-out point; frames that need others are solved for
-        one by one. Four are the affine functions.
+        one by one. Four are the affine functions, which are kept in any case.
 
     Examples
     --------

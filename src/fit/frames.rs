@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use super::held_out::{MAX_SUM_ERROR, sum_accuracy};
 use super::phase::{Phase, Progress};
-use super::system::{Evaluator, SystemSolution};
+use super::system::Evaluator;
 use super::{DomainFactor, FitError};
 use crate::boundary_map::BoundaryMap;
 use crate::mesh::SurfacePoint;
@@ -54,7 +54,7 @@ pub struct FrameEvaluator {
 /// The images of the points in one frame, and how far they can be trusted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameImages {
-    /// Of the points, in their order.
+    /// Where the points go: an image for each, in the same order.
     pub images: Vec<Point>,
     /// Root mean square of the map's distance from the frame at held-out points of the boundary, over the frame's diagonal: at
     /// most that.
@@ -67,8 +67,8 @@ pub struct FrameImages {
 }
 
 impl FrameEvaluator {
-    /// For points inside the domain, in model units. Keeps `most_modes` modes, the affine functions included; frames that need
-    /// others are then solved for one by one.
+    /// For points inside the domain, in model units. Keeps at most `most_modes` modes, the affine functions included, which are kept in
+    /// any case; frames that need others are then solved for one by one.
     ///
     /// # Errors
     ///
@@ -124,7 +124,7 @@ impl FrameEvaluator {
             (own, rest) = added.expanded(&rest, &self.weights);
         }
         let solved = added.count();
-        let mut squares = added.mean_square_error(&own).sqrt();
+        let mut added_rms = added.mean_square_error(&own).sqrt();
         let mut values = added.combined(&own);
         if solved > 0 && self.modes.count() + solved <= self.most_modes {
             self.modes.append(&added);
@@ -134,14 +134,14 @@ impl FrameEvaluator {
                     None => coefficients[(i, k)],
                 }
             });
-            (values, squares) = (vec![Vector::zeros(); self.points], 0.0);
+            (values, added_rms) = (vec![Vector::zeros(); self.points], 0.0);
         }
         let known = self.modes.combined(&coefficients);
         let images = known.par_iter().zip(&values);
         let left_out = self.sizes(&rest);
         Ok(FrameImages {
             images: images.map(|(a, b)| origin + (a + b) * diagonal).collect(),
-            boundary_rms: self.modes.mean_square_error(&coefficients).sqrt() + squares + left_out.rms,
+            boundary_rms: self.modes.mean_square_error(&coefficients).sqrt() + added_rms + left_out.rms,
             left_out: left_out.largest,
             solved,
         })
@@ -152,7 +152,7 @@ impl FrameEvaluator {
         sizes.rms <= LEFT_OUT * options.residual_tolerance() && sizes.largest <= LEFT_OUT * options.tolerance
     }
 
-    /// Of a displacement of the vertices.
+    /// Root mean square, by area, and largest length of a displacement of the vertices.
     fn sizes(&self, displacement: &Mat<f64>) -> Sizes {
         let square = |v: usize| (0..3).map(|k| displacement[(v, k)].powi(2)).sum::<f64>();
         let used = || (0..displacement.nrows()).filter(|&v| self.weights[v] > 0.0);
@@ -195,8 +195,7 @@ impl FrameEvaluator {
                 .flat_map(|p| p.position(domain, &positions).coords.data.0[0]);
             Values::new(3, values.collect())
         };
-        let solution: SystemSolution =
-            system.solve(&at(&system.collocation), None, options.residual_tolerance(), progress)?;
+        let solution = system.solve(&at(&system.collocation), None, options.residual_tolerance(), progress)?;
         progress.enter(Phase::Measuring)?;
         let accuracy = sum_accuracy(solution.expected_error());
         let values = self.evaluator.values(system, &solution, accuracy)?;

@@ -136,7 +136,7 @@ class Factor {
 
 /// The images of fixed points in one frame, and how far they can be trusted.
 struct FrameImages {
-  /// Of the points, in their order.
+  /// Where the points go: an image for each, in the same order.
   std::vector<Point> images;
   /// Root mean square of the map's distance from the frame at held-out points of the boundary, over the diagonal of the
   /// frame's bounding box: at most that.
@@ -154,7 +154,7 @@ struct FrameImages {
 /// several threads, which wait for each other.
 class FrameEvaluator {
  public:
-  /// For points inside the domain. At most `most_modes` modes are kept, four of them the affine functions; frames that need
+  /// For points inside the domain. At most `most_modes` modes are kept, or the four affine functions; frames that need
   /// others are solved for one by one.
   FrameEvaluator(const Factor& factor, Span<const Point> points, std::size_t most_modes = 300);
 
