@@ -250,8 +250,8 @@ fn surfaces_that_are_not_polycubes_are_refused() {
         let refused = made(sized(CellKind::Tets, size));
         assert!(matches!(refused, Err(RemeshError::Size(_))), "{refused:?}");
     }
-    // Six tetrahedra of 64 boxes; with the padding, 64 and 96 hexahedra.
-    for (kind, count) in [(CellKind::Tets, 384), (CellKind::Hexes, 160)] {
+    // Six tetrahedra of 64 boxes; hexahedra that need no padding.
+    for (kind, count) in [(CellKind::Tets, 384), (CellKind::Hexes, 64)] {
         let with = |most_cells| {
             made(RemeshSource::Regular {
                 kind,
@@ -833,6 +833,13 @@ fn padding_is_proved_impossible_where_faces_look_both_ways() {
     let boxes = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]];
     let planes: &[f64] = &[0.0, 1.0, 2.0];
     let domain = surface_of_boxes(&boxes, [planes; 3], 2);
+    let polycube = Polycube::of(&domain).unwrap();
+    let padded = regular_mesh(&polycube, 0.25, CellKind::Hexes, 100_000).unwrap();
+    let unmoved = inversion_causes(&padded, padded.nodes());
+    assert_eq!(unmoved.blocked_nodes, 1);
+    assert!(!invalid_cells(padded.cells(), padded.nodes()).cells.is_empty());
+    assert!(unmoved.of_cells.contains(&InversionCause::BlockedNode));
+    // Boxes that stay boxes need none.
     let boundary = BoundaryMap::new(domain.clone(), domain.vertices().to_vec()).unwrap();
     let identity = Formula(|p: &Point| *p);
     let fixed = RemeshOptions {
@@ -840,18 +847,11 @@ fn padding_is_proved_impossible_where_faces_look_both_ways() {
         ..RemeshOptions::default()
     };
     let hexes = run_with(&boundary, &identity, grid(CellKind::Hexes, 8), &fixed).report;
-    assert_eq!(hexes.causes_before.blocked_nodes, 1);
-    assert!(!hexes.after.cells.is_empty() && hexes.after.cells.len() <= hexes.before.cells.len());
-    let why = &hexes.causes_after.of_cells;
-    assert!(
-        hexes
-            .after
-            .cells
-            .iter()
-            .any(|c| why[*c as usize] == InversionCause::BlockedNode)
-    );
+    assert_eq!(hexes.padding.map(|padding| padding.quads), Some(0));
+    assert_eq!((hexes.before.cells.len(), hexes.invalid_in_domain), (0, 0));
     let tets = run_with(&boundary, &identity, grid(CellKind::Tets, 8), &fixed).report;
     assert_eq!((tets.before.cells.len(), tets.causes_before.blocked_nodes), (0, 0));
+    assert_eq!(tets.padding, None);
 }
 
 #[test]

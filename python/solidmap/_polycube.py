@@ -152,8 +152,10 @@ class Hexmesh:
 
     @property
     def valid(self) -> bool:
-        """Whether no cell is inverted, the boundary does not pass through itself, and no part of the model is missed."""
-        return self.mesh.report.valid and self.mesh.report.target_to_mesh["max"] <= self._max_distance
+        """Whether no cell is inverted, the boundary does not pass through itself, and mesh and model are close to each other."""
+        report = self.mesh.report
+        farthest = max(report.target_to_mesh["max"], report.mesh_to_target["max"])
+        return report.valid and farthest <= self._max_distance
 
     def _rows(self) -> Rows:
         return [*self.polycube._rows(), *self.mesh.report._rows()]
@@ -308,7 +310,7 @@ def hexmesh(
     polish : int
         Iterations at most of each descent that improves the shapes of cells.
     max_distance : float
-        Farthest that a vertex of the model may be from the mesh, as a fraction of the model's diagonal.
+        Farthest that the model may be from the mesh, or the mesh's boundary from the model, as a fraction of the model's diagonal.
     max_vertices : int
         Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones
         are simplified first.

@@ -557,6 +557,7 @@ class RemeshReport(Report):
     boundary_nodes: int
     cell_size: Optional[float]
     off_surface: float
+    padding: Optional[Dict[str, int]]
     other_boundary: Optional[Dict[str, float]]
     causes_before: Dict[str, Any]
     causes_after: Dict[str, Any]

@@ -42,7 +42,13 @@ pub(super) mod ffi {
         ) -> Outcome;
         fn mesh3_mesh(xyz: &[f64], triangles: &[u32], sizes: &RefinementSizes, out: &mut Mesh) -> Outcome;
         fn wrap_surface(xyz: &[f64], triangles: &[u32], alpha: f64, offset: f64, out: &mut Mesh) -> Outcome;
-        fn remesh_surface(xyz: &[f64], triangles: &[u32], edge_length: f64, out: &mut Mesh) -> Outcome;
+        fn remesh_surface(
+            xyz: &[f64],
+            triangles: &[u32],
+            edge_length: f64,
+            feature_angle: f64,
+            out: &mut Mesh,
+        ) -> Outcome;
         fn intersecting_pairs(xyz: &[f64], triangles: &[u32], max_tested: f64, pairs: &mut Vec<u32>) -> Outcome;
         fn new_distance_field(xyz: &[f64], triangles: &[u32], outcome: &mut Outcome) -> UniquePtr<DistanceField>;
         fn closest_points(field: &DistanceField, points: &[f64], closest: &mut [f64]) -> Outcome;

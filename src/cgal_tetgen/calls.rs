@@ -104,7 +104,9 @@ fn run_on_this_stack(
             ffi::mesh3_mesh(xyz, triangles, &sizes, &mut out)
         }
         (Operation::Wrap, &[alpha, offset]) => ffi::wrap_surface(xyz, triangles, alpha, offset, &mut out),
-        (Operation::Remesh, &[edge_length]) => ffi::remesh_surface(xyz, triangles, edge_length, &mut out),
+        (Operation::Remesh, &[edge_length, feature_angle]) => {
+            ffi::remesh_surface(xyz, triangles, edge_length, feature_angle, &mut out)
+        }
         (Operation::Intersections, &[most]) => ffi::intersecting_pairs(xyz, triangles, most, &mut out.corners),
         _ => return Err(CallFailure::unknown("wrong number of options")),
     };

@@ -171,7 +171,7 @@ impl<'a> OffsetProblem<'a> {
     fn projected(&self, wrap: &SurfaceMesh, alpha: f64) -> Result<SurfaceMesh, CgalTetgenError> {
         let mut mesh = wrap.clone();
         for _ in 0..self.options.rounds {
-            let remeshed = call_on(Operation::Remesh, &mesh, &[alpha])?;
+            let remeshed = call_on(Operation::Remesh, &mesh, &[alpha, 0.0])?;
             let (vertices, triangles) = surface_of(&remeshed)?.into_parts();
             mesh = SurfaceMesh::new(self.on_level_set(vertices)?, triangles)?;
         }

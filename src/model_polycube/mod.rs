@@ -10,7 +10,7 @@ pub(crate) mod voxels;
 
 use crate::boundary_map::pair::{PairError, PairPhase};
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
-use crate::mesh::{SurfaceMesh, TetMesh};
+use crate::mesh::{SurfaceMesh, TetMesh, creases, feature_curves};
 use crate::polycube::{
     MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubePhase, VoxelPolycube, VoxelPolycubeError, make_polycube,
 };
@@ -43,10 +43,17 @@ const EFFORT_BEFORE_VOXELS: f64 = 2000.0;
 /// less often voxels show all of them.
 const HANDLES_OF_FEW_ATTEMPTS: u64 = 1;
 
-/// Vertices of a model with handles that is deformed as it is, over [`ModelPolycubeOptions::most_vertices`]. A simplified ring leads to
+/// Vertices of a model with handles or feature curves that is deformed as it is, over [`ModelPolycubeOptions::most_vertices`]. A
+/// simplified ring leads to
 /// a polycube less often than the ring itself, and voxels, which follow, to worse cells: the kitten's, of 9447 vertices, have a least
-/// scaled Jacobian of 0.61 by its own deformation in 22 s, 0.43 by voxels in 43 s.
-const RINGS: f64 = 2.5;
+/// scaled Jacobian of 0.61 by its own deformation in 22 s, 0.43 by voxels in 43 s. And the map from a simplified model knows nothing of
+/// its feature curves.
+const ROOM: f64 = 2.5;
+
+/// Angle in degrees between the normals beside the edges of feature curves, and the least length of connected ones, over the root of
+/// the surface's area: less is noise of a scanned surface.
+const FEATURE_ANGLE: f64 = 45.0;
+const LEAST_FEATURES: f64 = 0.5;
 
 /// Cells along the longest side of the lattice that voxels are on, where no lattice is asked for.
 const CELLS_ALONG: usize = 32;
@@ -56,7 +63,7 @@ const CELLS_ALONG: usize = 32;
 pub struct ModelPolycubeOptions {
     /// Where the polycube comes from.
     pub kind: PolycubeKind,
-    /// A model of genus 0 whose surface has more vertices, or one with handles with more than 2.5 times as many, is simplified, and its
+    /// A model of genus 0 whose surface has more vertices, or one with handles or feature curves with more than 2.5 times as many, is simplified, and its
     /// polycube is made from the simplified one. The polycube's boundary is mapped to the model's own. Without the feature `native` it
     /// is deformed as it is.
     pub most_vertices: usize,
@@ -219,13 +226,21 @@ pub(crate) struct Model<'a> {
     tets: &'a TetMesh,
     surface: SurfaceMesh,
     genus: Result<u64, SphericalError>,
+    /// Whether it has feature curves, as CAD parts have: edges sharper than [`FEATURE_ANGLE`] that are connected and end nowhere.
+    has_features: bool,
 }
 
 impl<'a> Model<'a> {
     pub(crate) fn new(tets: &'a TetMesh) -> Self {
         let surface = tets.boundary().surface;
-        let genus = genus(&surface);
-        Self { tets, surface, genus }
+        let least_length = LEAST_FEATURES * surface.area().sqrt();
+        let sharp = creases(&surface, FEATURE_ANGLE.to_radians().cos());
+        Self {
+            tets,
+            genus: genus(&surface),
+            has_features: !feature_curves(&surface, &sharp, least_length).is_empty(),
+            surface,
+        }
     }
 
     /// Whether the boundaries of other solids are mapped to this one ([`map_pair`](crate::boundary_map::pair::map_pair)).
@@ -241,7 +256,8 @@ impl<'a> Model<'a> {
     /// Whether it has so many vertices that a simplified model is deformed in its place.
     fn is_large(&self, most_vertices: usize) -> bool {
         let most = most_vertices as f64;
-        let most = if self.genus == Ok(0) { most } else { RINGS * most };
+        let is_simplified_well = self.genus == Ok(0) && !self.has_features;
+        let most = if is_simplified_well { most } else { ROOM * most };
         self.surface.vertices().len() as f64 > most
     }
 }

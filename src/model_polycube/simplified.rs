@@ -47,7 +47,8 @@ fn filled(model: &Model, most_vertices: usize) -> Option<TetMesh> {
     let vertices = VERTICES.min(most_vertices);
     // Two triangles of side l, √3/4 l² each, for every vertex.
     let edge_length = (2.0 * model.surface.area() / (3f64.sqrt() * vertices as f64)).sqrt();
-    let remeshed = remesh_isotropically(&model.surface, edge_length).ok()?;
+    let feature_angle = model.has_features.then_some(super::FEATURE_ANGLE);
+    let remeshed = remesh_isotropically(&model.surface, edge_length, feature_angle).ok()?;
     // Short edges are collapsed: a thin handle may be gone.
     let is_alike = crate::spherical::genus(&remeshed) == model.genus;
     // Refuses surfaces that pass through themselves.

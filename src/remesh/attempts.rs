@@ -68,7 +68,7 @@ impl Attempt {
     }
 
     /// Inverted cells and pairs of boundary triangles that pass through each other.
-    fn faults(&self) -> [usize; 2] {
+    pub fn faults(&self) -> [usize; 2] {
         [
             invalid_cells(&self.mesh.cells, &self.images).cells.len(),
             crossing_triangles(&self.mesh.boundary, &self.images).len(),

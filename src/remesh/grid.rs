@@ -34,7 +34,8 @@ impl CellSize {
 pub enum CellKind {
     /// Six tetrahedra per box of the grid.
     Tets,
-    /// One hexahedron per box, and one in the padding layer at each boundary quad.
+    /// One hexahedron per box, and one in the padding layer at boundary quads: at each of them in [`regular_mesh`], at those where it
+    /// makes angles better in [`remesh`](super::remesh).
     Hexes,
 }
 
@@ -46,17 +47,23 @@ const MAX_GRID_POINTS: f64 = 1e9;
 /// Largest number of cells, whatever limit is asked for: corners of cells have 32-bit indices.
 pub(super) const MAX_CELLS: f64 = (1u32 << 28) as f64;
 
+fn boxes_between_planes(polycube: &Polycube, size: f64, kind: CellKind) -> [Vec<f64>; 3] {
+    let between = |planes: &Vec<f64>| planes.windows(2).map(|w| divisions(w[1] - w[0], size, kind)).collect();
+    polycube.planes().each_ref().map(between)
+}
+
+/// The number of boxes of this size in the polycube.
+pub(super) fn box_count(polycube: &Polycube, size: f64, kind: CellKind) -> f64 {
+    let along = boxes_between_planes(polycube, size, kind);
+    let of_box = |[i, j, k]: [usize; 3]| along[0][i] * along[1][j] * along[2][k];
+    polycube.filled().map(of_box).sum()
+}
+
 /// The number of cells that a mesh with boxes of this size would have, and the number of its grid points, before any is
 /// made.
 fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
-    let along = polycube
-        .planes()
-        .each_ref()
-        .map(|planes| -> Vec<f64> { planes.windows(2).map(|w| divisions(w[1] - w[0], size, kind)).collect() });
-    let box_count: f64 = polycube
-        .filled()
-        .map(|[i, j, k]| along[0][i] * along[1][j] * along[2][k])
-        .sum();
+    let along = boxes_between_planes(polycube, size, kind);
+    let box_count = box_count(polycube, size, kind);
     let quads = || {
         polycube.sum_over_outer_faces(|at, k| {
             let [b, c] = [(k + 1) % 3, (k + 2) % 3];
@@ -118,7 +125,11 @@ pub fn regular_mesh(
     let grid = polycube.refined(size, kind);
     Ok(match kind {
         CellKind::Tets => grid.tets(),
-        CellKind::Hexes => grid.hexes(),
+        CellKind::Hexes => {
+            let grid = grid.hex_grid();
+            let everywhere = vec![true; grid.quads.len()];
+            grid.padded(&everywhere)
+        }
     })
 }
 
@@ -220,57 +231,124 @@ impl Polycube {
         BoundedMesh::new(nodes, CellList::Tets(tets), regions, on_boundary, boundary)
     }
 
-    fn hexes(&self) -> BoundedMesh {
-        let (node_ids, points, on_grid_boundary) = self.nodes();
-        let mut nodes: Vec<Point> = points.iter().map(|&at| self.position(at)).collect();
-        // How far boundary nodes move inward from faces that face down and up each axis. Where there are faces of both
-        // kinds no position suits all of them, and cells there are flat or inverted in the domain itself
-        // (`RemeshReport::invalid_in_domain`); a map that flattens the corner makes them positive.
-        let mut depths = vec![[[0.0; 2]; 3]; nodes.len()];
-        let mut hexes = Vec::new();
-        let mut quads = Vec::new();
+    /// The boxes as hexahedra, and the quads on the boundary.
+    fn hex_grid(&self) -> HexGrid {
+        let (node_ids, points, _) = self.nodes();
+        let (mut hexes, mut quads) = (Vec::new(), Vec::new());
         for at in self.filled() {
             // Around the bottom, then the top.
-            let corners = [0, 1, 3, 2, 4, 5, 7, 6].map(|m| self.corner(&node_ids, at, m));
-            hexes.push(corners);
+            hexes.push([0, 1, 3, 2, 4, 5, 7, 6].map(|m| self.corner(&node_ids, at, m)));
             for [axis, side] in self.outer_faces_of(at) {
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
                 let quad = |i: usize, j: usize| self.corner(&node_ids, at, side << axis | i << b | j << c);
-                let around = [quad(0, 0), quad(1, 0), quad(1, 1), quad(0, 1)];
-                // Counter-clockwise from outside.
-                let [p, q, r, s] = around;
-                let around = if side == 1 { around } else { [p, s, r, q] };
-                let depth = PADDING * self.sides(at)[axis];
-                // The thinnest of several boxes with faces across this axis decides.
-                for v in around {
-                    let inset = &mut depths[v as usize][axis][side];
-                    *inset = if *inset == 0.0 { depth } else { depth.min(*inset) };
-                }
-                quads.push(around);
-            }
-        }
-        // Boundary nodes of the grid move inward; new ones take their positions.
-        let mut surface = HashMap::new();
-        let mut on_boundary = vec![false; nodes.len()];
-        for v in 0..points.len() {
-            if on_grid_boundary[v] {
-                surface.insert(v as u32, nodes.len() as u32);
-                let at = nodes[v];
-                nodes.push(at);
-                nodes[v] += Vector::from_fn(|k, _| match depths[v][k] {
-                    [down, 0.0] => down,
-                    [0.0, up] => -up,
-                    _ => 0.0,
+                let [p, q, r, s] = [quad(0, 0), quad(1, 0), quad(1, 1), quad(0, 1)];
+                quads.push(GridQuad {
+                    nodes: if side == 1 { [p, q, r, s] } else { [p, s, r, q] },
+                    axis,
+                    side,
+                    depth: PADDING * self.sides(at)[axis],
                 });
-                on_boundary.push(true);
             }
         }
+        HexGrid {
+            nodes: points.iter().map(|&at| self.position(at)).collect(),
+            hexes,
+            quads,
+        }
+    }
+}
+
+/// The boxes of a polycube as hexahedra, without padding.
+pub(super) struct HexGrid {
+    pub nodes: Vec<Point>,
+    pub hexes: Vec<[u32; 8]>,
+    /// The boundary.
+    pub quads: Vec<GridQuad>,
+}
+
+/// A quad of the boundary of a [`HexGrid`].
+pub(super) struct GridQuad {
+    /// Counter-clockwise from outside.
+    pub nodes: [u32; 4],
+    /// The axis that it lies across, and 0 if it faces down along it, 1 if up.
+    pub axis: usize,
+    pub side: usize,
+    /// Thickness of a padding layer below it.
+    depth: f64,
+}
+
+impl HexGrid {
+    pub fn of(polycube: &Polycube, size: f64) -> Self {
+        polycube.refined(size, CellKind::Hexes).hex_grid()
+    }
+
+    /// With one more hexahedron below each quad that is `padded`. Where a padded quad ends at one that is not, the layer ends on
+    /// the surface, as a row of quads beside that one.
+    pub fn padded(self, padded: &[bool]) -> BoundedMesh {
+        let Self {
+            mut nodes,
+            mut hexes,
+            quads,
+        } = self;
+        let of_grid = nodes.len();
+        // How far nodes of padded quads move inward from faces that face down and up each axis. Where there are faces of both
+        // kinds no position suits all of them, and cells there are flat or inverted in the domain itself
+        // (`RemeshReport::invalid_in_domain`); a map that flattens the corner makes them positive.
+        let mut depths = vec![[[0.0f64; 2]; 3]; of_grid];
+        let (mut is_padded, mut on_boundary) = (vec![false; of_grid], vec![false; of_grid]);
+        for (quad, &padded) in quads.iter().zip(padded) {
+            for v in quad.nodes.map(|v| v as usize) {
+                match padded {
+                    true => {
+                        is_padded[v] = true;
+                        // The thinnest of several boxes with faces across this axis decides.
+                        let inset = &mut depths[v][quad.axis][quad.side];
+                        *inset = if *inset == 0.0 {
+                            quad.depth
+                        } else {
+                            quad.depth.min(*inset)
+                        };
+                    }
+                    false => on_boundary[v] = true,
+                }
+            }
+        }
+        // Nodes of padded quads move inward; new ones take their positions.
+        let mut surface = HashMap::new();
+        for v in (0..of_grid).filter(|&v| is_padded[v]) {
+            surface.insert(v as u32, nodes.len() as u32);
+            let at = nodes[v];
+            nodes.push(at);
+            nodes[v] += Vector::from_fn(|k, _| match depths[v][k] {
+                [down, 0.0] => down,
+                [0.0, up] => -up,
+                _ => 0.0,
+            });
+            on_boundary.push(true);
+        }
+        let edges = |[a, b, c, d]: [u32; 4]| [[a, b], [b, c], [c, d], [d, a]];
+        let sides = quads.iter().zip(padded).flat_map(|(quad, &padded)| {
+            let sides = edges(quad.nodes);
+            sides.map(|edge| (edge, padded))
+        });
+        let padded_at: HashMap<[u32; 2], bool> = sides.collect();
         let mut boundary = Vec::new();
-        for below in quads {
+        let mut add = |[a, b, c, d]: [u32; 4]| boundary.extend([[a, b, c], [a, c, d]]);
+        for (quad, &padded) in quads.iter().zip(padded) {
+            let below = quad.nodes;
+            if !padded {
+                add(below);
+                continue;
+            }
             let above = below.map(|v| surface[&v]);
             let ([a, b, c, d], [e, f, g, h]) = (below, above);
             hexes.push([a, b, c, d, e, f, g, h]);
-            boundary.extend([[e, f, g], [e, g, h]]);
+            add(above);
+            for [a, b] in edges(below) {
+                if !padded_at[&[b, a]] {
+                    add([a, b, surface[&b], surface[&a]]);
+                }
+            }
         }
         let regions = vec![1; hexes.len()];
         BoundedMesh::new(nodes, CellList::Hexes(hexes), regions, on_boundary, boundary)

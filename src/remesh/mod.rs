@@ -21,6 +21,7 @@ mod jacobian_lanes;
 pub(crate) mod lbfgs;
 mod other_boundary;
 mod own_size;
+mod padding;
 mod patches;
 mod planes;
 mod polish;
@@ -33,6 +34,7 @@ mod shared_coordinates;
 mod slide;
 mod split;
 mod start;
+mod surface_distance;
 mod tet_lanes;
 mod worst_places;
 
@@ -45,7 +47,7 @@ use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::memory::readable;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
-use crate::progress::ProgressResponse;
+use crate::progress::{ProgressControl, ProgressResponse};
 use crate::statistics::quantiles;
 
 use attempts::{AsMapped, Attempt, Carrier};
@@ -57,8 +59,11 @@ pub(crate) use cells_at_nodes::CellsAtNodes;
 pub(crate) use crossings::crossing_triangles;
 pub use given::{GivenMesh, GivenMeshError, given_mesh};
 pub use grid::{CellKind, CellSize, cell_count, grid_points, regular_mesh};
+use grid::{HexGrid, box_count};
 pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use other_boundary::OtherBoundary;
+pub use padding::PaddingReport;
+use padding::padded_quads;
 pub(crate) use patches::local_volumes;
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
@@ -71,6 +76,8 @@ pub use self_intersections::BoundaryIntersections;
 pub(crate) use shared_coordinates::SharedCoordinates;
 pub use slide::SlideReport;
 pub(crate) use split::{halve_edges, split_between_boundary_nodes, split_edges};
+pub use surface_distance::SurfaceDistances;
+use surface_distance::distances_both_ways;
 
 /// Where the mesh of the domain comes from.
 #[derive(Debug, Clone, PartialEq)]
@@ -214,15 +221,6 @@ pub enum RemeshError {
     Cancelled,
 }
 
-/// Distances between surfaces, as fractions of the target's diagonal.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct SurfaceDistances {
-    /// Largest.
-    pub max: f64,
-    /// Mean over the points.
-    pub mean: f64,
-}
-
 /// Wall-clock seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct RemeshTimings {
@@ -253,6 +251,8 @@ pub struct RemeshReport {
     pub cell_size: Option<f64>,
     /// Largest distance of a given mesh's boundary nodes from the domain's surface, over its diagonal.
     pub off_surface: f64,
+    /// Where regular hexahedra have a padding layer; `None` for other meshes.
+    pub padding: Option<PaddingReport>,
     /// How far the boundary map that was taken is from the given one: under that, a regular grid could not be repaired. What is said
     /// of the mesh as mapped, and of boundary nodes that slid, is from the one that was taken.
     pub other_boundary: Option<OtherBoundary>,
@@ -275,9 +275,9 @@ pub struct RemeshReport {
     pub quality: Option<CellQuality>,
     /// Quantiles of the [`determinants`] of the cells' maps at 0, 1, 10, 50, 90, 99 and 100 %, of those that are defined.
     pub determinants: Option<[f64; 7]>,
-    /// From vertices of the target to the boundary of the result.
+    /// From the target's surface to the boundary of the result.
     pub target_to_mesh: SurfaceDistances,
-    /// From nodes and centres of boundary triangles of the result to the target.
+    /// From the boundary of the result, quads as two triangles, to the target's surface.
     pub mesh_to_target: SurfaceDistances,
     /// Volume of the result.
     pub volume: f64,
@@ -297,6 +297,15 @@ pub struct RemeshReport {
     pub largest_slide_in_cells: f64,
     /// Time.
     pub seconds: RemeshTimings,
+}
+
+impl RemeshReport {
+    /// Largest distance between target and mesh, either way, over the target's diagonal.
+    pub fn farthest(&self) -> f64 {
+        let [there, back] = [self.target_to_mesh.max, self.mesh_to_target.max];
+        // NaN is farther than anything.
+        if there >= back || there.is_nan() { there } else { back }
+    }
 }
 
 /// A mesh of the domain, and the same mesh of the target.
@@ -339,7 +348,8 @@ pub fn remesh<A: ProgressResponse>(
         ControlFlow::Break(()) => Err(RemeshError::Cancelled),
     };
     report(RemeshPhase::Meshing)?;
-    let prepared = prepare(source, boundary, options)?;
+    let regular = matches!(source, RemeshSource::Regular { .. }).then(|| source.clone());
+    let mut prepared = prepare(source, Padding::WhereNeeded, boundary, options)?;
     let meshed = start.elapsed().as_secs_f64();
 
     report(RemeshPhase::Mapping {
@@ -349,27 +359,29 @@ pub fn remesh<A: ProgressResponse>(
     let mapped = start.elapsed().as_secs_f64();
 
     let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
-    let as_mapped = AsMapped::of(&prepared.mesh, &carried);
-    let most_are_inverted = 2 * as_mapped.invalid.cells.len() > prepared.mesh.cells.len();
-    if options.repair
-        && most_are_inverted
-        && boundary.target_volume() < -LEAST_VOLUME * boundary.target_diagonal().powi(3)
+    let progress = |phase| progress(phase).control();
+    let repaired =
+        |prepared: &PreparedMesh, carried| repaired(prepared, carried, boundary, map, &target, options, &progress);
+    let mut attempt = repaired(&prepared, carried)?;
+    // With padding everywhere there are more nodes that the repair can move.
+    if let Some(source) = regular
+        && options.repair
+        && prepared.padding.is_some_and(|padding| !padding.is_everywhere())
+        && attempt.faults() != [0, 0]
     {
-        return Err(RemeshError::Mirrored);
-    }
-    let attempt = match options.repair {
-        true => Carrier {
-            mesh: &prepared.mesh,
-            is_regular: prepared.cell_size.is_some(),
-            boundary,
-            map,
-            target: &target,
-            options,
-            progress: &|phase| progress(phase).control(),
+        match prepare(source, Padding::Everywhere, boundary, options) {
+            // These may be more cells than allowed.
+            Err(RemeshError::TooMany { .. } | RemeshError::TooLarge { .. }) => {}
+            Err(error) => return Err(error),
+            Ok(everywhere) => {
+                let carried = mapped_nodes(&everywhere.mesh, boundary, map)?;
+                let other = repaired(&everywhere, carried)?;
+                if other.faults() < attempt.faults() {
+                    (prepared, attempt) = (everywhere, other);
+                }
+            }
         }
-        .repaired(carried, as_mapped)?,
-        false => Attempt::unrepaired(prepared.mesh.clone(), carried, as_mapped),
-    };
+    }
     let repaired = start.elapsed().as_secs_f64();
 
     report(RemeshPhase::Verifying)?;
@@ -388,26 +400,95 @@ pub fn remesh<A: ProgressResponse>(
     Ok(remeshed)
 }
 
+/// The mesh with its nodes where the maps send them, repaired if that is asked for.
+fn repaired(
+    prepared: &PreparedMesh,
+    carried: Vec<Point>,
+    boundary: &BoundaryMap,
+    map: &dyn VolumeMap,
+    target: &SurfaceMesh,
+    options: &RemeshOptions,
+    progress: &dyn Fn(RemeshPhase) -> ProgressControl,
+) -> Result<Attempt, RemeshError> {
+    let as_mapped = AsMapped::of(&prepared.mesh, &carried);
+    if !options.repair {
+        return Ok(Attempt::unrepaired(prepared.mesh.clone(), carried, as_mapped));
+    }
+    let most_are_inverted = 2 * as_mapped.invalid.cells.len() > prepared.mesh.cells.len();
+    if most_are_inverted && boundary.target_volume() < -LEAST_VOLUME * boundary.target_diagonal().powi(3) {
+        return Err(RemeshError::Mirrored);
+    }
+    Carrier {
+        mesh: &prepared.mesh,
+        is_regular: prepared.cell_size.is_some(),
+        boundary,
+        map,
+        target,
+        options,
+        progress,
+    }
+    .repaired(carried, as_mapped)
+}
+
 /// A mesh of the domain, ready to be mapped.
 struct PreparedMesh {
     mesh: BoundedMesh,
     cell_size: Option<f64>,
     off_surface: f64,
+    /// Of regular hexahedra.
+    padding: Option<PaddingReport>,
     /// Bytes that the whole run takes.
     memory: u64,
 }
 
-fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions) -> Result<PreparedMesh, RemeshError> {
+/// Where regular hexahedra are padded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Padding {
+    WhereNeeded,
+    Everywhere,
+}
+
+fn prepare(
+    source: RemeshSource,
+    padding: Padding,
+    boundary: &BoundaryMap,
+    options: &RemeshOptions,
+) -> Result<PreparedMesh, RemeshError> {
     let domain = boundary.domain();
     Ok(match source {
         RemeshSource::Regular { kind, size, most_cells } => {
             let polycube = Polycube::of(domain)?;
             let size = size.of(&polycube);
-            let cells = cell_count(&polycube, size, kind, most_cells)?;
+            let allows = |count: usize| match count > most_cells {
+                true => Err(RemeshError::TooMany {
+                    what: "cells",
+                    count: count as f64,
+                    limit: most_cells as f64,
+                }),
+                false => Ok(()),
+            };
+            let is_partly_padded = (kind, padding) == (CellKind::Hexes, Padding::WhereNeeded);
+            // How many cells the padding adds is known when it is made.
+            let most_in_all = if is_partly_padded { usize::MAX } else { most_cells };
+            let cells = cell_count(&polycube, size, kind, most_in_all)?;
+            allows(box_count(&polycube, size, kind) as usize)?;
             let memory = require_room(kind, cells, grid_points(&polycube, size), domain, options)?;
+            let (mesh, padding) = match is_partly_padded {
+                true => {
+                    let (mesh, report) = hexes_padded_where_needed(&polycube, size, boundary)?;
+                    allows(mesh.cells.len())?;
+                    (mesh, Some(report))
+                }
+                false => {
+                    let mesh = regular_mesh(&polycube, size, kind, most_cells)?;
+                    let report = mesh.quads().map(|quads| PaddingReport::everywhere(quads.len()));
+                    (mesh, report)
+                }
+            };
             PreparedMesh {
                 memory,
-                mesh: regular_mesh(&polycube, size, kind, most_cells)?,
+                mesh,
+                padding,
                 cell_size: Some(size),
                 off_surface: 0.0,
             }
@@ -419,10 +500,36 @@ fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions
                 memory: memory_estimate(kind_of(&given.mesh.cells), given.mesh.cells.len(), 0, domain),
                 mesh: given.mesh,
                 cell_size: None,
+                padding: None,
                 off_surface: given.off_surface,
             }
         }
     })
+}
+
+/// The hexahedra of a grid, with a padding layer below those of its faces where the boundary map calls for one.
+fn hexes_padded_where_needed(
+    polycube: &Polycube,
+    size: f64,
+    boundary: &BoundaryMap,
+) -> Result<(BoundedMesh, PaddingReport), RemeshError> {
+    let grid = HexGrid::of(polycube, size);
+    let mut on_boundary: Vec<u32> = grid.quads.iter().flat_map(|quad| quad.nodes).collect();
+    on_boundary.sort_unstable();
+    on_boundary.dedup();
+    let points: Vec<Point> = on_boundary.iter().map(|&v| grid.nodes[v as usize]).collect();
+    let query = SurfaceQuery::with_winding_sign(boundary.domain())?;
+    let mapped = boundary.evaluate(&surface_points(&query, &points));
+    let mut images = vec![Point::from([f64::NAN; 3]); grid.nodes.len()];
+    for (&v, image) in on_boundary.iter().zip(mapped) {
+        images[v as usize] = image;
+    }
+    let padded = padded_quads(&grid, &images);
+    let report = PaddingReport {
+        quads: padded.iter().filter(|padded| **padded).count(),
+        of: padded.len(),
+    };
+    Ok((grid.padded(&padded), report))
 }
 
 /// The result with all its measurements but the timings.
@@ -462,7 +569,9 @@ fn verified(
     let largest_slide = slides.iter().copied().fold(0.0, f64::max);
     let edge = mean_boundary_edge(&mesh, &carried);
     let largest_shift = shifts(false).into_iter().fold(0.0, f64::max) / diagonal;
-    let [target_to_mesh, mesh_to_target] = distances(&mesh, &images, target, diagonal)?;
+    let spacing = mean_boundary_edge(&mesh, &images);
+    let [mesh_to_target, target_to_mesh] =
+        distances_both_ways(&boundary_of(&mesh, &images), target, spacing, diagonal)?;
     let determinants = determinants(&mesh.cells, &mesh.nodes, &images);
     let report = RemeshReport {
         kind: kind_of(&mesh.cells),
@@ -471,6 +580,7 @@ fn verified(
         boundary_nodes: mesh.on_boundary.iter().filter(|is| **is).count(),
         cell_size: prepared.cell_size,
         off_surface: prepared.off_surface,
+        padding: prepared.padding,
         other_boundary,
         causes_before,
         before,
@@ -611,43 +721,4 @@ fn mean_boundary_edge(mesh: &BoundedMesh, images: &[Point]) -> f64 {
         sides[0] + sides[1]
     };
     mesh.boundary.iter().map(shortest_two).sum::<f64>() / (2 * mesh.boundary.len()) as f64
-}
-
-fn distances(
-    mesh: &BoundedMesh,
-    images: &[Point],
-    target: &SurfaceMesh,
-    diagonal: f64,
-) -> Result<[SurfaceDistances; 2], RemeshError> {
-    let surface = boundary_of(mesh, images);
-    let centres = surface.triangles().iter().map(|t| {
-        let sum: crate::Vector = t.iter().map(|&v| images[v as usize].coords).sum();
-        Point::from(sum / 3.0)
-    });
-    let nodes = images.iter().zip(&mesh.on_boundary).filter(|(_, on)| **on);
-    let probes: Vec<Point> = nodes.map(|(p, _)| *p).chain(centres).collect();
-    let of = |surface: &SurfaceMesh, points: &[Point]| -> Result<SurfaceDistances, RemeshError> {
-        let found = SurfaceQuery::with_winding_sign(surface)?.closest_points(points);
-        let (mut max, mut sum) = (0.0f64, 0.0);
-        for place in &found {
-            // NaN must not be lost.
-            max = if max.is_nan() || max > place.distance {
-                max
-            } else {
-                place.distance
-            };
-            sum += place.distance;
-        }
-        Ok(SurfaceDistances {
-            max: max / diagonal,
-            mean: sum / found.len() as f64 / diagonal,
-        })
-    };
-    let mut used = vec![false; target.vertices().len()];
-    for &v in target.triangles().as_flattened() {
-        used[v as usize] = true;
-    }
-    let corners = target.vertices().iter().zip(used).filter(|(_, used)| *used);
-    let corners: Vec<Point> = corners.map(|(p, _)| *p).collect();
-    Ok([of(&surface, &corners)?, of(target, &probes)?])
 }

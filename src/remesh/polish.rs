@@ -25,6 +25,9 @@ const CHECK_EVERY: usize = 10;
 /// Iterations after which a descent ends that has found nothing more to keep.
 const PATIENCE: usize = 60;
 
+/// The least scaled Jacobian of hexahedra that are left as they are.
+const GOOD: f64 = 0.99;
+
 /// How often the lowest tetrahedra are raised at most, and the ratio by which one of both measures has to rise for another
 /// time.
 const MAX_RAISES: usize = 12;
@@ -176,6 +179,9 @@ impl Polish<'_> {
             (OwnShape::Given, None)
         };
         let polish = |surface| HexPolish::new(self.mesh, self.carried, surface, shape, self.iterations, self.monitor);
+        if lowest(self.mesh, x)[0] >= GOOD {
+            return;
+        }
         polish(surface).run(x, report);
         if report.kept_iterations == 0 && surface.is_some() {
             polish(None).run(x, report);

@@ -19,7 +19,7 @@ use super::quality::{invalid_cells, inverted_inside};
 use super::repair::{Best, DescentCounts, next_epsilon};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::topology::DisjointSets;
-use crate::mesh::{CellList, SurfaceMesh};
+use crate::mesh::{CellList, SurfaceMesh, creases, feature_curves};
 use crate::progress::ProgressSender;
 use crate::{Point, Vector};
 
@@ -53,6 +53,8 @@ const MAX_REPEATS: usize = 3;
 const FIRST_EPSILON: f64 = 0.3;
 /// Cosine of the angle between the normals at an edge of the target below which it is a crease.
 const CREASE: f64 = 0.7;
+/// Points that an edge of a feature curve is represented by, at most.
+const MOST_POINTS_OF_EDGE: f64 = 1e4;
 /// Barycentric coordinate below which a point of a triangle is on the side across.
 const ON_EDGE: f64 = 1e-6;
 
@@ -87,20 +89,7 @@ pub(super) enum NodeFreedom {
 
 impl<'a> RelaxationSurface<'a> {
     pub fn new(target: &'a SurfaceMesh, query: &'a SurfaceQuery) -> Self {
-        let normals: Vec<Vector> = (0..target.triangles().len()).map(|t| normal(target, t)).collect();
-        let mut sides: HashMap<[u32; 2], Vec<usize>> = HashMap::new();
-        for (index, t) in target.triangles().iter().enumerate() {
-            for ends in edges(*t) {
-                sides.entry(ends).or_default().push(index);
-            }
-        }
-        let is_crease = |at: &[usize]| match at {
-            [a, b] => normals[*a].dot(&normals[*b]) < CREASE,
-            _ => true,
-        };
-        sides.retain(|_, at| is_crease(at));
-        let mut creases: Vec<[u32; 2]> = sides.into_keys().collect();
-        creases.sort_unstable();
+        let creases = creases(target, CREASE);
         let mut at_vertices: HashMap<u32, Vec<Vector>> = HashMap::new();
         for &[a, b] in &creases {
             let along = target.vertices()[b as usize] - target.vertices()[a as usize];
@@ -134,6 +123,18 @@ impl<'a> RelaxationSurface<'a> {
             [a, b] if self.creases.binary_search(&[a.min(b), a.max(b)]).is_ok() => NodeFreedom::AlongCrease,
             _ => NodeFreedom::OnSurface,
         }
+    }
+
+    /// Points along feature curves ([`feature_curves`]) at most `spacing` apart, each with the length of curve that it stands for.
+    pub fn feature_points(&self, spacing: f64, least_length: f64) -> Vec<(Point, f64)> {
+        let curves = feature_curves(self.target, &self.creases, least_length);
+        let points = curves.into_iter().flat_map(|ends| {
+            let [a, b] = ends.map(|v| self.target.vertices()[v as usize]);
+            let length = (b - a).norm();
+            let count = (length / spacing).ceil().clamp(1.0, MOST_POINTS_OF_EDGE);
+            (0..count as usize).map(move |k| (a + (b - a) * ((k as f64 + 0.5) / count), length / count))
+        });
+        points.collect()
     }
 
     /// The closest point of a crease, and its direction there.

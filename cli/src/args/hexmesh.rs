@@ -54,12 +54,12 @@ pub struct HexmeshArgs {
     /// its 1 % quantile
     #[arg(long, value_name = "N", default_value_t = RemeshOptions::default().polish)]
     pub polish: usize,
-    /// Farthest that a vertex of the model may be from the mesh, as a fraction of the model's diagonal; beyond it the exit
-    /// code is 1
+    /// Farthest that the model may be from the mesh, or the mesh's boundary from the model, as a fraction of the model's diagonal;
+    /// beyond it the exit code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = MAX_DISTANCE)]
     pub max_distance: f64,
-    /// Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones are
-    /// simplified, and their polycube's boundary is mapped to the model's own
+    /// Largest surface that is deformed as it is; one with handles or long sharp edges may have 2.5 times as many vertices. Larger ones
+    /// are simplified, and their polycube's boundary is mapped to the model's own
     #[arg(long, value_name = "VERTICES", default_value_t = MOST_VERTICES)]
     pub max_vertices: usize,
     #[command(flatten)]

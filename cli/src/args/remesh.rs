@@ -94,7 +94,7 @@ pub struct RepairArgs {
 pub enum CellShape {
     /// Tetrahedra, none of which has all its corners on the boundary
     Tet,
-    /// Hexahedra, with a padding layer of them under the boundary
+    /// Hexahedra, with a layer of them under the faces of the polycube where that makes angles better
     Hex,
 }
 

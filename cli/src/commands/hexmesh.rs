@@ -155,9 +155,9 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     Ok(CommandOutcome::from_check(is_valid))
 }
 
-/// Whether the mesh misses no part of the model.
+/// Whether neither the mesh misses a part of the model, nor sticks out of it.
 fn is_close(mesh: &CarriedMeshReport, args: &HexmeshArgs) -> bool {
-    mesh.remesh.target_to_mesh.max <= args.max_distance
+    mesh.remesh.farthest() <= args.max_distance
 }
 
 /// The library's options, from the arguments.
@@ -236,12 +236,12 @@ fn written(
         .for_each(|warning| output.warn_of_fit(warning));
     let mesh = CarriedMeshReport::new(&remeshed, args.places.worst);
     mesh.warn(&args.output, args.repair.split_stuck != Some(0), true, output);
-    let farthest = mesh.remesh.target_to_mesh.max;
     if !is_close(&mesh, args) {
+        let [missed, beyond] =
+            [&mesh.remesh.target_to_mesh, &mesh.remesh.mesh_to_target].map(|to| significant(to.max, 2));
         output.warn(format!(
-            "the mesh misses a part of the model: a vertex is {} of the diagonal away from it, and {} are allowed \
-             (--max-distance). Smaller cells or another --polycube may help",
-            significant(farthest, 2),
+            "the mesh is not close to the model: a point of the model is {missed} of the diagonal away from it, and a point of its \
+             boundary {beyond} from the model; {} are allowed (--max-distance). Smaller cells or another --polycube may help",
             args.max_distance
         ));
     }

@@ -204,6 +204,15 @@ pub fn rows(report: &CarriedMeshReport, is_given: bool) -> Vec<[String; 2]> {
             ),
         ],
     ];
+    if let Some(padding) = &found.padding {
+        rows.push([
+            "padding".into(),
+            format!(
+                "a layer of cells below {} of the polycube's {} boundary quads, where it makes angles better",
+                padding.quads, padding.of
+            ),
+        ]);
+    }
     if is_given {
         let off = significant(found.off_surface, 2);
         rows.push([

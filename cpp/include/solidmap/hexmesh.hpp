@@ -23,8 +23,8 @@ struct HexmeshOptions {
   double length = 0;
   /// Largest number of cells: more throw Error (memory) before any is made.
   std::size_t max_cells = 20'000'000;
-  /// How far a vertex of the model may be from the mesh, as a fraction of the model's diagonal, before another polycube
-  /// is tried; positive.
+  /// How far the model may be from the mesh, or the mesh's boundary from the model, as a fraction of the model's diagonal,
+  /// before another polycube is tried; positive.
   double max_distance = 0.05;
   /// As ModelPolycubeOptions::max_vertices. The mesh's boundary is on the model itself.
   std::size_t max_vertices = 6000;

@@ -91,8 +91,9 @@ Arrays mesh3(SurfaceView surface, const Mesh3Options& options);
 /// A closed manifold surface at a distance of about `offset` outside `surface`.
 Arrays wrap(SurfaceView surface, double alpha, double offset);
 
-/// One pass of isotropic remeshing towards `edge_length`. Needs a closed manifold surface.
-Arrays remesh(SurfaceView surface, double edge_length);
+/// One pass of isotropic remeshing towards `edge_length`. Needs a closed manifold surface. Edges with a larger angle between
+/// the normals beside them than `feature_angle`, in degrees, are split and collapsed, but stay where they are; none does if it is 0.
+Arrays remesh(SurfaceView surface, double edge_length, double feature_angle);
 
 /// Two triangle indices per pair, the lower first, in ascending order. A triangle without area is paired with itself
 /// and with no other. Throws `kCrowded` when more than `max_tested` pairs of boxes overlap, or ten million pairs of

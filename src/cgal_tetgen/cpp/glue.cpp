@@ -72,8 +72,8 @@ Outcome wrap_surface(Coordinates xyz, Indices triangles, double alpha, double of
   return guarded([&] { copy(wrap(view(xyz, triangles), alpha, offset), out); });
 }
 
-Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, Mesh& out) {
-  return guarded([&] { copy(remesh(view(xyz, triangles), edge_length), out); });
+Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, double feature_angle, Mesh& out) {
+  return guarded([&] { copy(remesh(view(xyz, triangles), edge_length, feature_angle), out); });
 }
 
 Outcome intersecting_pairs(Coordinates xyz, Indices triangles, double max_tested, rust::Vec<std::uint32_t>& pairs) {

@@ -18,7 +18,7 @@ Outcome tetgen_mesh(Coordinates xyz, Indices triangles, double radius_edge_ratio
                     double max_volume, Mesh& out);
 Outcome mesh3_mesh(Coordinates xyz, Indices triangles, const RefinementSizes& sizes, Mesh& out);
 Outcome wrap_surface(Coordinates xyz, Indices triangles, double alpha, double offset, Mesh& out);
-Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, Mesh& out);
+Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, double feature_angle, Mesh& out);
 Outcome intersecting_pairs(Coordinates xyz, Indices triangles, double max_tested, rust::Vec<std::uint32_t>& pairs);
 std::unique_ptr<DistanceField> new_distance_field(Coordinates xyz, Indices triangles, Outcome& outcome);
 Outcome closest_points(const DistanceField& field, Coordinates points, rust::Slice<double> closest);

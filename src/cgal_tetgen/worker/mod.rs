@@ -69,7 +69,7 @@ pub(super) enum Operation {
     Mesh3,
     /// A surface around triangles. Options: alpha, offset.
     Wrap,
-    /// An isotropically remeshed surface. Option: edge length.
+    /// An isotropically remeshed surface. Options: edge length, angle in degrees of the edges that stay sharp (0 for none).
     Remesh,
     /// Indices of intersecting triangles, two per pair. Option: the number of pairs tested at most.
     Intersections,
@@ -104,8 +104,8 @@ impl Operation {
         match self {
             Self::Tetgen => 3,
             Self::Mesh3 => 8,
-            Self::Wrap => 2,
-            Self::Remesh | Self::Intersections => 1,
+            Self::Wrap | Self::Remesh => 2,
+            Self::Intersections => 1,
             _ => 0,
         }
     }
