@@ -345,6 +345,7 @@ classified! {
         Self::NoLabels | Self::NotFound { .. } => ErrorKind::Numerical,
         Self::Cancelled => ErrorKind::Cancelled,
         Self::Smoothness(_)
+        | Self::FeatureAngle(_)
         | Self::Lattice(_)
         | Self::Mesh(_)
         | Self::Empty

@@ -854,6 +854,38 @@ fn padding_is_proved_impossible_where_faces_look_both_ways() {
     assert_eq!(tets.padding, None);
 }
 
+/// With a layer below the ends as well, the quads at the corners of the square would have both their edges along the rim.
+#[test]
+fn a_cylinder_gets_an_o_grid_and_its_rim_is_met() {
+    let cube = shapes::cube(2.0, 16);
+    let image = |p: &Point| {
+        // The square to the disk, along rays.
+        let scale = match p.x == 0.0 && p.y == 0.0 {
+            true => 0.0,
+            false => p.x.abs().max(p.y.abs()) / p.x.hypot(p.y),
+        };
+        Point::new(p.x * scale, p.y * scale, p.z)
+    };
+    let boundary = BoundaryMap::new(cube.clone(), cube.vertices().iter().map(image).collect()).unwrap();
+    let result = run(&boundary, &Formula(image), grid(CellKind::Hexes, 8));
+    let report = &result.report;
+    let padding = report.padding.unwrap();
+    assert_eq!((padding.quads, padding.of), (4 * 64, 6 * 64));
+    assert_eq!(report.cells, 512 + 4 * 64);
+    assert_eq!(report.after.cells, [] as [u32; 0]);
+    let quality = report.quality.unwrap();
+    assert!(
+        quality.min_scaled_jacobian > 0.6 && quality.mean_scaled_jacobian > 0.9,
+        "{quality:?}"
+    );
+    // The rims are borders of the cube's faces: chords of the circle and the polygon that the rim is are all that is between them.
+    let sagitta = 1.0 - (std::f64::consts::PI / 32.0).cos();
+    assert!(
+        report.farthest() * boundary.target_diagonal() < 2.0 * sagitta + 0.01,
+        "{report:?}"
+    );
+}
+
 #[test]
 fn meshes_from_elsewhere_are_carried_without_an_inverted_cell() {
     let Some(models) = models() else { return };

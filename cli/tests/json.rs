@@ -307,7 +307,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ),
         (
             "polycube",
-            "polycube turned.mesh -o pt.obj --image pu.obj --orient principal",
+            "polycube turned.mesh -o pt.obj --image pu.obj --orient principal --features 40",
         ),
         (
             "polycube",

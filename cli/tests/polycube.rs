@@ -54,10 +54,12 @@ fn a_polycube_is_fitted_and_its_hexahedra_are_carried_into_the_model() {
     assert!((hexes.volume() / given.volume() - 1.0).abs() < 0.05);
 
     // Another number of charts is asked for, and the text says what was found.
-    let output = place.ends_with(0, "polycube bar.mesh -o q.obj --image n.obj --smoothness 0.005");
+    let output = place.ends_with(0, "polycube bar.mesh -o q.obj --image n.obj --smoothness 0.005 --features 40");
     let text = text(&output.stdout);
     assert!(
-        text.contains("graph cut with smoothness 0.005") && text.contains("written"),
+        text.contains("graph cut with smoothness 0.005")
+            && text.contains("100 % of the length of edges sharper than 40°")
+            && text.contains("written"),
         "{text}"
     );
 }
@@ -403,6 +405,10 @@ fn models_and_options_that_cannot_be_used_are_refused() {
     place.fails("hexmesh cube.obj -o h.msh --cells 0", &["--cells"]);
     if cfg!(feature = "native") {
         place.fails(
+            "polycube cube.obj -o p.obj --image m.obj --features 180",
+            &["cube.obj", "angle of sharp edges is 180"],
+        ),
+        (
             "polycube cube.obj -o p.obj --image m.obj --smoothness 0",
             &["cube.obj", "smoothness is 0"],
         );

@@ -376,6 +376,8 @@ pub(super) mod ffi {
 
     struct PolycubeOptions {
         smoothness: f64,
+        /// 0: none.
+        feature_angle: f64,
         most_added: f64,
         attempts: usize,
         effort: f64,
@@ -390,6 +392,8 @@ pub(super) mod ffi {
         /// 0 graph cuts, 1 the map to the sphere, 2 the caller.
         labels: u8,
         smoothness: f64,
+        /// Angle, length, and length on borders; all 0 where none was asked for.
+        features: [f64; 3],
         attempts: usize,
         /// Rows of the rotation; empty if there was none.
         turn: Vec<f64>,

@@ -30,6 +30,7 @@ pub fn polycube_for_cpp(options: &PolycubeOptions) -> ffi::PolycubeOptions {
     let (lattice_along, lattice_length) = options.lattice.map_or((0, 0.0), size_for_cpp);
     ffi::PolycubeOptions {
         smoothness: options.smoothness,
+        feature_angle: options.feature_angle.unwrap_or(0.0),
         most_added: options.most_added,
         attempts: options.attempts,
         effort: options.effort,
@@ -54,6 +55,7 @@ pub fn size_for_cpp(size: CellSize) -> (usize, f64) {
 pub fn polycube_options(options: &ffi::PolycubeOptions) -> PolycubeOptions {
     PolycubeOptions {
         smoothness: options.smoothness,
+        feature_angle: (options.feature_angle != 0.0).then_some(options.feature_angle),
         most_added: options.most_added,
         attempts: options.attempts,
         effort: options.effort,
@@ -164,6 +166,9 @@ impl PolycubeMap {
                 LabelSource::Given => 2,
             },
             smoothness: report.smoothness,
+            features: report
+                .features
+                .map_or([0.0; 3], |found| [found.angle, found.length, found.on_borders]),
             attempts: report.attempts,
             turn: report.turn.map_or(vec![], |rows| rows.as_flattened().to_vec()),
             charts: report.charts,

@@ -7,14 +7,16 @@ namespace solidmap {
 using namespace detail;
 
 ffi::PolycubeOptions detail::for_rust(const PolycubeOptions& options) {
-  return {options.smoothness,    options.most_added,     options.attempts,
-          options.effort,        options.lattice_along,  options.lattice_length,
-          static_cast<std::uint8_t>(options.orientation)};
+  return {options.smoothness,     options.feature_angle,
+          options.most_added,     options.attempts,
+          options.effort,         options.lattice_along,
+          options.lattice_length, static_cast<std::uint8_t>(options.orientation)};
 }
 
 PolycubeOptions detail::converted(const ffi::PolycubeOptions& from) {
-  return {from.smoothness, from.most_added, from.attempts, from.effort, from.lattice_along, from.lattice_length,
-          static_cast<Orientation>(from.orientation)};
+  return {from.smoothness,    from.feature_angle,  from.most_added,
+          from.attempts,      from.effort,         from.lattice_along,
+          from.lattice_length, static_cast<Orientation>(from.orientation)};
 }
 
 SurfaceDistortion detail::converted(const ffi::SurfaceDistortion& found) {
@@ -26,6 +28,7 @@ PolycubeMap detail::converted(const ffi::PolycubeMap& made) {
   PolycubeReport report;
   report.labels = static_cast<LabelSource>(found.labels);
   report.smoothness = found.smoothness;
+  if (found.features[0] > 0) report.features = {found.features[0], found.features[1], found.features[2]};
   report.attempts = found.attempts;
   if (found.turn.size() == 9) {
     std::array<std::array<double, 3>, 3>& turn = report.turn.emplace();

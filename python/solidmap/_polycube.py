@@ -178,6 +178,7 @@ def polycube(
     polycube: str = "auto",
     max_vertices: int = 6000,
     smoothness: float = 0.02,
+    features: Optional[float] = None,
     orient: Orient = "given",
     lattice: Optional[float] = None,
     labels: Union[ArrayLike, PathLike, None] = None,
@@ -193,10 +194,13 @@ def polycube(
         Where the polycube comes from: the model, deformed; or voxels, if one attempt fails (with two handles or more: if all do).
         ``"deformed"`` makes up to five attempts.
     max_vertices : int
-        Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones
-        are simplified first.
+        Largest surface that is deformed as it is; one with handles or long sharp edges may have 2.5 times as many vertices. Larger
+        ones are simplified first.
     smoothness : float
         How much borders between charts count against directions: 0.005 gives many charts, 0.04 few.
+    features : float, optional
+        Edges with at least this angle, in degrees, between the normals beside them become edges of the polycube where the directions
+        of their sides allow it; ``report.features`` says how many did.
     orient : {"given", "principal", "best"}
         How the model is turned first.
     lattice : float, optional
@@ -228,6 +232,7 @@ def polycube(
         "polycube": options.choice("polycube", polycube, ["auto", "deformed", "voxels"]),
         "max_vertices": options.count("max_vertices", max_vertices),
         "smoothness": options.number("smoothness", smoothness),
+        "features": options.optional(options.number, "features", features),
         "orient": options.choice("orient", orient, ["given", "principal", "best"]),
         "lattice": options.optional(options.number, "lattice", lattice),
     }
@@ -279,6 +284,7 @@ def hexmesh(
     cell_size: Optional[float] = None,
     polycube: str = "auto",
     smoothness: float = 0.02,
+    features: Optional[float] = None,
     orient: Orient = "given",
     tolerance: float = 0.002,
     polish: int = 200,
@@ -303,7 +309,7 @@ def hexmesh(
     polycube : {"auto", "deformed", "voxels"}
         As for :func:`polycube`; ``"auto"`` takes voxels, too, if the deformed model leads to no valid mesh, or, with one handle at
         most, if its cells are poor and those by voxels better.
-    smoothness, orient
+    smoothness, features, orient
         As for :func:`polycube`.
     tolerance : float
         Boundary error of the map over 99 % of the area, as a fraction of the model's diagonal.
@@ -312,8 +318,8 @@ def hexmesh(
     max_distance : float
         Farthest that the model may be from the mesh, or the mesh's boundary from the model, as a fraction of the model's diagonal.
     max_vertices : int
-        Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones
-        are simplified first.
+        Largest surface that is deformed as it is; one with handles or long sharp edges may have 2.5 times as many vertices. Larger
+        ones are simplified first.
     worst : int
         How many of the worst places are listed.
     progress : bool or callable, optional
@@ -343,6 +349,7 @@ def hexmesh(
     arguments = {
         "polycube": options.choice("polycube", polycube, ["auto", "deformed", "voxels"]),
         "smoothness": options.number("smoothness", smoothness),
+        "features": options.optional(options.number, "features", features),
         "orient": options.choice("orient", orient, ["given", "principal", "best"]),
         "tolerance": options.number("tolerance", tolerance),
         "polish": options.count("polish", polish),

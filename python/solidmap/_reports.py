@@ -645,6 +645,7 @@ class PolycubeReport(Report):
 
     labels: str
     smoothness: float
+    features: Optional[Dict[str, float]]
     attempts: int
     turn: Optional[List[List[float]]]
     charts: int

@@ -94,6 +94,7 @@ pub struct PolycubeArguments {
     polycube: String,
     max_vertices: usize,
     smoothness: f64,
+    features: Option<f64>,
     orient: String,
     lattice: Option<f64>,
 }
@@ -222,6 +223,7 @@ pub fn polycube_of<'py>(
         most_vertices: arguments.max_vertices,
         deformation: PolycubeOptions {
             smoothness: arguments.smoothness,
+            feature_angle: arguments.features,
             lattice: arguments.lattice.map(CellSize::Length),
             orientation: orientation(&arguments.orient),
             ..PolycubeOptions::default()
@@ -278,6 +280,7 @@ fn best_attempt(error: &ModelPolycubeError) -> Option<&BestAttempt> {
 pub struct HexmeshArguments {
     polycube: String,
     smoothness: f64,
+    features: Option<f64>,
     orient: String,
     tolerance: f64,
     polish: usize,
@@ -328,6 +331,7 @@ pub fn hexmesh(
         polycube_kind: kind_of(&arguments.polycube),
         polycube: PolycubeOptions {
             smoothness: arguments.smoothness,
+            feature_angle: arguments.features,
             orientation: orientation(&arguments.orient),
             ..PolycubeOptions::default()
         },

@@ -6,6 +6,10 @@ use super::SurfaceMesh;
 use super::topology::DisjointSets;
 use crate::Vector;
 
+/// The angle in degrees between the normals beside an edge from which it counts as a feature where nothing else is said. At 45 it would be
+/// left to rounding whether the edges of a bevel do.
+pub(crate) const FEATURE_ANGLE: f64 = 40.0;
+
 /// Edges, by their ends in ascending order, with an angle between the normals beside them of a smaller cosine than this, or with
 /// other than two triangles. Ascending.
 pub fn creases(surface: &SurfaceMesh, cosine: f64) -> Vec<[u32; 2]> {

@@ -10,7 +10,7 @@ pub(crate) mod voxels;
 
 use crate::boundary_map::pair::{PairError, PairPhase};
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
-use crate::mesh::{SurfaceMesh, TetMesh, creases, feature_curves};
+use crate::mesh::{FEATURE_ANGLE, SurfaceMesh, TetMesh, creases, feature_curves};
 use crate::polycube::{
     MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubePhase, VoxelPolycube, VoxelPolycubeError, make_polycube,
 };
@@ -50,9 +50,7 @@ const HANDLES_OF_FEW_ATTEMPTS: u64 = 1;
 /// its feature curves.
 const ROOM: f64 = 2.5;
 
-/// Angle in degrees between the normals beside the edges of feature curves, and the least length of connected ones, over the root of
-/// the surface's area: less is noise of a scanned surface.
-const FEATURE_ANGLE: f64 = 45.0;
+/// Least length of connected feature curves, over the root of the surface's area: less is noise of a scanned surface.
 const LEAST_FEATURES: f64 = 0.5;
 
 /// Cells along the longest side of the lattice that voxels are on, where no lattice is asked for.
@@ -226,7 +224,7 @@ pub(crate) struct Model<'a> {
     tets: &'a TetMesh,
     surface: SurfaceMesh,
     genus: Result<u64, SphericalError>,
-    /// Whether it has feature curves, as CAD parts have: edges sharper than [`FEATURE_ANGLE`] that are connected and end nowhere.
+    /// Whether it has feature curves, as CAD parts have: edges of [`FEATURE_ANGLE`] and more that are connected and end nowhere.
     has_features: bool,
 }
 

@@ -8,6 +8,8 @@
 use super::{Model, ModelPolycubeError, ModelPolycubePhase};
 use crate::boundary_map::pair::{PairOptions, map_pair, over_surface};
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
+#[cfg(feature = "native")]
+use crate::mesh::FEATURE_ANGLE;
 use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::polycube::MakePolycubeError;
 use crate::progress::ProgressControl;
@@ -47,7 +49,7 @@ fn filled(model: &Model, most_vertices: usize) -> Option<TetMesh> {
     let vertices = VERTICES.min(most_vertices);
     // Two triangles of side l, √3/4 l² each, for every vertex.
     let edge_length = (2.0 * model.surface.area() / (3f64.sqrt() * vertices as f64)).sqrt();
-    let feature_angle = model.has_features.then_some(super::FEATURE_ANGLE);
+    let feature_angle = model.has_features.then_some(FEATURE_ANGLE);
     let remeshed = remesh_isotropically(&model.surface, edge_length, feature_angle).ok()?;
     // Short edges are collapsed: a thin handle may be gone.
     let is_alike = crate::spherical::genus(&remeshed) == model.genus;

@@ -1,11 +1,12 @@
 //! One attempt at a polycube: labels, and the deformation towards them.
 
 use super::charts::{level, planes};
-use super::cut::cut_labels;
+use super::cut::{BorderOptions, cut_labels};
 use super::descent::{polish, untangle};
 use super::effort::Effort;
 use super::energy::{PolycubeEnergy, References};
 use super::face_graph::{Charts, FaceGraph};
+use super::features::feature_edges;
 use super::flatten::Flattening;
 use super::label_repair::repair_labels;
 use super::lattice::{move_planes, on_lattice};
@@ -70,7 +71,14 @@ pub(super) fn attempt(
     match way {
         Way::Cut(factor) => {
             report.smoothness = factor * options.smoothness;
-            let labels = find_labels(model, &graph, report.smoothness, monitor)?;
+            let free_edges = options.feature_angle.map_or(vec![], |degrees| {
+                feature_edges(&graph.triangles, &model.mesh.nodes, degrees)
+            });
+            let borders = BorderOptions {
+                smoothness: report.smoothness,
+                free_edges: &free_edges,
+            };
+            let labels = find_labels(model, &graph, &borders, monitor)?;
             solid.set_labels(&labels);
             flatten(&mut solid);
         }
@@ -205,7 +213,7 @@ fn distinct(solid: &Solid, planes: &SharedCoordinates) -> [usize; 3] {
 fn find_labels(
     model: &Solid,
     graph: &FaceGraph,
-    smoothness: f64,
+    borders: &BorderOptions,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<Vec<u8>, MakePolycubeError> {
     let nodes = &model.mesh.nodes;
@@ -218,10 +226,14 @@ fn find_labels(
         if monitor.send(phase).is_break() {
             return Err(MakePolycubeError::Cancelled);
         }
-        cut_labels(graph, nodes, &x, factor * smoothness, &mut labels);
+        let of_round = BorderOptions {
+            smoothness: factor * borders.smoothness,
+            ..*borders
+        };
+        cut_labels(graph, nodes, &x, &of_round, &mut labels);
         flattening.run(&mut x, &labels, penalty, &free, TURNS);
     }
-    cut_labels(graph, nodes, &x, smoothness, &mut labels);
+    cut_labels(graph, nodes, &x, borders, &mut labels);
     repair_labels(graph, nodes, &x, &mut labels);
     Ok(labels)
 }

@@ -27,25 +27,34 @@ const LARGEST_SMOOTHNESS: f64 = 1e6;
 /// What all costs together stay below as integers, far from overflow.
 const LARGEST_ENERGY: f64 = (1_u64 << 60) as f64;
 
+/// What borders between labels cost.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BorderOptions<'a> {
+    /// The weight of borders.
+    pub smoothness: f64,
+    /// Edges along which they cost nothing, by their ends, ascending.
+    pub free_edges: &'a [[u32; 2]],
+}
+
 /// Lowers the energy of `labels`, one a triangle, by at most 4 sweeps of expansions; from the labels of least data cost
 /// if they have the wrong number or do not exist.
 ///
 /// Data costs are shares of the area times how far the normals of `current`, perhaps deformed, are from the label's
-/// direction; nothing for triangles without area. Borders cost `smoothness` times their length, divided by the root of
-/// the area; less along creases. Lengths, areas and creases are those of `original`. The labels that come out are the
+/// direction; nothing for triangles without area. Borders cost the smoothness times their length, divided by the root of
+/// the area; less along creases, nothing along free edges. Lengths, areas and creases are those of `original`. The labels that come out are the
 /// same on every run, and never have a higher energy than those given.
 pub(super) fn cut_labels(
     faces: &FaceGraph,
     original: &[Point],
     current: &[Point],
-    smoothness: f64,
+    borders: &BorderOptions,
     labels: &mut Vec<u8>,
 ) {
     let data = data_costs(faces, original, current);
     if labels.len() != data.len() || labels.iter().any(|&l| usize::from(l) >= LABELS) {
         *labels = best_labels(&data);
     }
-    let energy = Energy::new(faces, &data, &border_costs(faces, original, smoothness));
+    let energy = Energy::new(faces, &data, &border_costs(faces, original, borders));
     let mut network = CubicNetwork::new((0..3 * data.len() as u32).map(|h| faces.twin(h)).collect());
     let order = expansion_order(&data);
     let mut last_change = None;
@@ -115,7 +124,7 @@ fn area(area_vector: Vector) -> f64 {
 }
 
 /// The cost of a border along each half-edge between labels that are not opposite.
-fn border_costs(faces: &FaceGraph, original: &[Point], smoothness: f64) -> Vec<[f64; 3]> {
+fn border_costs(faces: &FaceGraph, original: &[Point], borders: &BorderOptions) -> Vec<[f64; 3]> {
     let vectors: Vec<Vector> = faces.triangles.iter().map(|t| area_vector(t, original)).collect();
     let total: f64 = vectors.iter().map(|&v| area(v)).sum();
     let normals: Vec<Vector> = vectors
@@ -123,15 +132,19 @@ fn border_costs(faces: &FaceGraph, original: &[Point], smoothness: f64) -> Vec<[
         .map(|v| v.try_normalize(0.0).unwrap_or_else(Vector::zeros))
         .collect();
     // What is not a number counts as 0.
-    let smoothness = if smoothness > 0.0 {
-        smoothness.min(LARGEST_SMOOTHNESS)
+    let smoothness = if borders.smoothness > 0.0 {
+        borders.smoothness.min(LARGEST_SMOOTHNESS)
     } else {
         0.0
     };
     let weight = smoothness / total.sqrt();
     let cost = |face: usize, k: usize| {
         let t = faces.triangles[face];
-        let length = (original[t[k] as usize] - original[t[(k + 1) % 3] as usize]).norm();
+        let [a, b] = [t[k], t[(k + 1) % 3]];
+        if borders.free_edges.binary_search(&[a.min(b), a.max(b)]).is_ok() {
+            return 0.0;
+        }
+        let length = (original[a as usize] - original[b as usize]).norm();
         let cosine = normals[face].dot(&normals[faces.neighbours[face][k] as usize]);
         let cost = weight * length * (CREASE_COST + (1.0 - CREASE_COST) * gaussian(cosine - 1.0, CREASE_WIDTH));
         if cost.is_finite() { cost } else { 0.0 }
@@ -223,6 +236,13 @@ mod tests {
     use super::*;
     use crate::polycube::face_graph::shapes;
 
+    fn smooth(smoothness: f64) -> BorderOptions<'static> {
+        BorderOptions {
+            smoothness,
+            free_edges: &[],
+        }
+    }
+
     /// The energy of a labelling, exactly.
     fn energy_of(energy: &Energy, faces: &FaceGraph, labels: &[u8]) -> i64 {
         let data: i64 = energy
@@ -243,7 +263,7 @@ mod tests {
 
     fn energy(faces: &FaceGraph, points: &[Point], smoothness: f64) -> Energy {
         let data = data_costs(faces, points, points);
-        Energy::new(faces, &data, &border_costs(faces, points, smoothness))
+        Energy::new(faces, &data, &border_costs(faces, points, &smooth(smoothness)))
     }
 
     #[test]
@@ -279,10 +299,10 @@ mod tests {
             let energy = energy(&faces, &points, smoothness);
             let noise: Vec<u8> = (0..faces.triangles.len()).map(|_| random(6) as u8).collect();
             let mut labels = noise.clone();
-            cut_labels(&faces, &points, &points, smoothness, &mut labels);
+            cut_labels(&faces, &points, &points, &smooth(smoothness), &mut labels);
             let after = energy_of(&energy, &faces, &labels);
             assert!(after < energy_of(&energy, &faces, &noise));
-            cut_labels(&faces, &points, &points, smoothness, &mut labels);
+            cut_labels(&faces, &points, &points, &smooth(smoothness), &mut labels);
             assert!(energy_of(&energy, &faces, &labels) <= after);
         }
     }
@@ -291,7 +311,7 @@ mod tests {
     fn without_smoothness_every_triangle_takes_its_best_label() {
         let (faces, points) = shapes::sphere(8);
         let mut labels = vec![0; faces.triangles.len()];
-        cut_labels(&faces, &points, &points, 0.0, &mut labels);
+        cut_labels(&faces, &points, &points, &smooth(0.0), &mut labels);
         let data = data_costs(&faces, &points, &points);
         for (face, costs) in data.iter().enumerate() {
             // Up to what is lost by rounding to integers.
@@ -307,9 +327,31 @@ mod tests {
         let mut labels = clean.clone();
         shapes::add_noise(&mut labels, 7);
         assert_ne!(labels, clean);
-        cut_labels(&faces, &points, &points, 0.01, &mut labels);
+        cut_labels(&faces, &points, &points, &smooth(0.01), &mut labels);
         assert_eq!(labels, clean);
         assert_eq!(faces.charts(&labels).labels.len(), 6);
+    }
+
+    #[test]
+    fn borders_follow_free_edges() {
+        let (faces, points) = shapes::turned_box(12, 0.2);
+        let free: Vec<[u32; 2]> = {
+            let surface = crate::mesh::SurfaceMesh::new(points.clone(), faces.triangles.clone()).unwrap();
+            crate::mesh::creases(&surface, 0.5)
+        };
+        let clean = best_labels(&data_costs(&faces, &points, &points));
+        // With so much smoothness all triangles get one label.
+        let smoothness = 100.0;
+        let mut labels = clean.clone();
+        cut_labels(&faces, &points, &points, &smooth(smoothness), &mut labels);
+        assert_eq!(faces.charts(&labels).labels.len(), 1);
+        let mut labels = clean.clone();
+        let borders = BorderOptions {
+            smoothness,
+            free_edges: &free,
+        };
+        cut_labels(&faces, &points, &points, &borders, &mut labels);
+        assert_eq!(labels, clean);
     }
 
     #[test]
@@ -318,8 +360,8 @@ mod tests {
         let turn = |p: &Point| Point::new(p.z, p.x, p.y);
         let turned: Vec<Point> = points.iter().map(turn).collect();
         let (mut labels, mut labels_of_turned) = (Vec::new(), Vec::new());
-        cut_labels(&faces, &points, &points, 0.01, &mut labels);
-        cut_labels(&faces, &turned, &turned, 0.01, &mut labels_of_turned);
+        cut_labels(&faces, &points, &points, &smooth(0.01), &mut labels);
+        cut_labels(&faces, &turned, &turned, &smooth(0.01), &mut labels_of_turned);
         let expected: Vec<u8> = labels.iter().map(|l| (l + 2) % 6).collect();
         assert_eq!(labels_of_turned, expected);
     }
@@ -332,7 +374,7 @@ mod tests {
         for (original, current) in [(&flat, &flat), (&points, &flat), (&points, &points)] {
             for smoothness in [0.01, f64::NAN, f64::INFINITY, -1.0, f64::MAX] {
                 let mut labels = vec![9; 8];
-                cut_labels(&faces, original, current, smoothness, &mut labels);
+                cut_labels(&faces, original, current, &smooth(smoothness), &mut labels);
                 assert!(labels.len() == 8 && labels.iter().all(|&l| l < 6));
             }
         }

@@ -720,7 +720,7 @@ fn fingerprint(face: u32, label: u8) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::polycube::cut::{best_labels, cut_labels};
+    use crate::polycube::cut::{BorderOptions, best_labels, cut_labels};
     use crate::polycube::face_graph::shapes;
 
     /// Labels by a cut, repaired; and the numbers of charts and corners.
@@ -729,7 +729,11 @@ mod tests {
         if noise {
             shapes::add_noise(&mut labels, 4);
         }
-        cut_labels(faces, points, points, 0.01, &mut labels);
+        let borders = BorderOptions {
+            smoothness: 0.01,
+            free_edges: &[],
+        };
+        cut_labels(faces, points, points, &borders, &mut labels);
         let faults = repair_labels(faces, points, points, &mut labels);
         assert_eq!(faults, LabelFaults::find(faces, &labels));
         let counts = counts(faces, &labels);

@@ -540,6 +540,53 @@ fn parts_within_another_are_found() {
     assert_eq!(solid.nested_parts(), 1);
 }
 
+/// A cube with a roof on it, whose ridge has one direction on both sides.
+#[test]
+fn sharp_edges_are_edges_of_the_polycube_unless_both_sides_face_along_one_axis() {
+    let cube = test_meshes::cube(4);
+    let [low, high] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| {
+        let x = cube.vertices().iter().map(|p| p.x);
+        x.reduce(of).unwrap()
+    });
+    let (middle, side) = (0.5 * (low + high), high - low);
+    let up = |p: &Point| Point::new(p.x, p.y, p.z + 0.3 * (0.5 * side - (p.x - middle).abs()));
+    let house = TetMesh::new(cube.vertices().iter().map(up).collect(), cube.tets().to_vec()).unwrap();
+    let features = |mesh: &TetMesh, degrees: f64| {
+        let options = PolycubeOptions {
+            feature_angle: Some(degrees),
+            ..PolycubeOptions::default()
+        };
+        make_polycube(mesh, &options, &|_| {}).unwrap().report.features.unwrap()
+    };
+    let of_cube = features(&cube, 60.0);
+    assert!(
+        (of_cube.length - 12.0 * side).abs() < 1e-9 && of_cube.on_borders == of_cube.length,
+        "{of_cube:?}"
+    );
+    assert_eq!(features(&cube, 91.0).length, 0.0);
+    // The ridge and the valley below it have an angle of 33°, the slopes are longer than the sides that they replace.
+    let around = (8.0 + 4.0 * (1.0 + 0.3f64.powi(2)).sqrt()) * side;
+    let sharp = features(&house, 40.0);
+    assert!(
+        (sharp.length - around).abs() < 1e-9 && sharp.on_borders == sharp.length,
+        "{sharp:?}"
+    );
+    let all = features(&house, 30.0);
+    assert!((all.length - around - 2.0 * side).abs() < 1e-9, "{all:?}");
+    assert!((all.on_borders - around).abs() < 1e-9, "{all:?}");
+    for degrees in [0.0, -1.0, 180.0, f64::NAN] {
+        let options = PolycubeOptions {
+            feature_angle: Some(degrees),
+            ..PolycubeOptions::default()
+        };
+        let refused = make_polycube(&cube, &options, &|_| {}).map(|_| ());
+        assert!(
+            matches!(refused, Err(MakePolycubeError::FeatureAngle(_))),
+            "{refused:?}"
+        );
+    }
+}
+
 #[test]
 fn meshes_and_options_that_cannot_be_used_are_refused() {
     let make = |mesh: &TetMesh, smoothness: f64| {

@@ -82,6 +82,8 @@ pub(super) struct HexPolish<'a> {
     shape: OwnShape,
     /// Vertices of that surface and points of its feature curves that the boundary is compared with, and their areas.
     vertices: Vec<(Point, f64)>,
+    /// How many of them are vertices; the points of feature curves follow.
+    without_features: usize,
     /// Mean length of the boundary edges at each node; 1 for other nodes.
     edges: Vec<f64>,
     /// The mean over these nodes.
@@ -165,6 +167,7 @@ impl<'a> HexPolish<'a> {
         let (edges, edge) = mean_edges(mesh, anchors);
         let surface = surface.map(|surface| RelaxationSurface::new(surface.target, &surface.query));
         let mut vertices: Vec<(Point, f64)> = vertices.unwrap_or_default();
+        let without_features = vertices.len();
         if let Some(surface) = &surface {
             let points = surface.feature_points(0.5 * edge, LEAST_FEATURE * edge);
             let of_strip = |(p, length): (Point, f64)| (p, FEATURE_WEIGHT * length * edge);
@@ -178,9 +181,17 @@ impl<'a> HexPolish<'a> {
             shape,
             surface,
             vertices,
+            without_features,
             iterations,
             monitor,
         }
+    }
+
+    /// Does without the points of feature curves from now on; whether there were any.
+    pub fn leave_features(&mut self) -> bool {
+        let had_some = self.vertices.len() > self.without_features;
+        self.vertices.truncate(self.without_features);
+        had_some
     }
 
     /// Improves all cells and then the lowest. Keeps that if neither more cells are invalid nor the least scaled Jacobian

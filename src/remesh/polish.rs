@@ -25,8 +25,10 @@ const CHECK_EVERY: usize = 10;
 /// Iterations after which a descent ends that has found nothing more to keep.
 const PATIENCE: usize = 60;
 
-/// The least scaled Jacobian of hexahedra that are left as they are.
+/// The least scaled Jacobian of hexahedra that are left as they are, and below which they are polished without regard to feature curves,
+/// too.
 const GOOD: f64 = 0.99;
+const POOR: f64 = 0.1;
 
 /// How often the lowest tetrahedra are raised at most, and the ratio by which one of both measures has to rise for another
 /// time.
@@ -179,10 +181,23 @@ impl Polish<'_> {
             (OwnShape::Given, None)
         };
         let polish = |surface| HexPolish::new(self.mesh, self.carried, surface, shape, self.iterations, self.monitor);
+        let start = x.to_vec();
         if lowest(self.mesh, x)[0] >= GOOD {
             return;
         }
-        polish(surface).run(x, report);
+        let mut with_features = polish(surface);
+        with_features.run(x, report);
+        // Where feature curves cross the cells, these may be better if nothing draws them there.
+        let least = lowest(self.mesh, x)[0];
+        if with_features.leave_features() && least < POOR && self.monitor.should_continue() {
+            let (mut other, mut of_other) = (start, PolishReport::default());
+            with_features.run(&mut other, &mut of_other);
+            report.iterations += of_other.iterations;
+            if lowest(self.mesh, &other)[0] > least {
+                x.copy_from_slice(&other);
+                report.kept_iterations = of_other.kept_iterations;
+            }
+        }
         if report.kept_iterations == 0 && surface.is_some() {
             polish(None).run(x, report);
         }

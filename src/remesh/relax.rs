@@ -19,7 +19,7 @@ use super::quality::{invalid_cells, inverted_inside};
 use super::repair::{Best, DescentCounts, next_epsilon};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::topology::DisjointSets;
-use crate::mesh::{CellList, SurfaceMesh, creases, feature_curves};
+use crate::mesh::{CellList, FEATURE_ANGLE, SurfaceMesh, creases, feature_curves};
 use crate::progress::ProgressSender;
 use crate::{Point, Vector};
 
@@ -127,7 +127,8 @@ impl<'a> RelaxationSurface<'a> {
 
     /// Points along feature curves ([`feature_curves`]) at most `spacing` apart, each with the length of curve that it stands for.
     pub fn feature_points(&self, spacing: f64, least_length: f64) -> Vec<(Point, f64)> {
-        let curves = feature_curves(self.target, &self.creases, least_length);
+        let sharp = creases(self.target, FEATURE_ANGLE.to_radians().cos());
+        let curves = feature_curves(self.target, &sharp, least_length);
         let points = curves.into_iter().flat_map(|ends| {
             let [a, b] = ends.map(|v| self.target.vertices()[v as usize]);
             let length = (b - a).norm();

@@ -36,8 +36,8 @@ pub struct PolycubeArgs {
     /// Where the polycube comes from
     #[arg(long, value_enum, default_value_t = PolycubeChoice::Auto)]
     pub polycube: PolycubeChoice,
-    /// Largest surface of genus 0 that is deformed as it is; one with handles may have 2.5 times as many vertices. Larger ones are
-    /// simplified, and the boundary of their polycube is mapped to the model's own
+    /// Largest surface that is deformed as it is; one with handles or long sharp edges may have 2.5 times as many vertices. Larger ones
+    /// are simplified, and the boundary of their polycube is mapped to the model's own
     #[arg(long, value_name = "VERTICES", default_value_t = MOST_VERTICES)]
     pub max_vertices: usize,
     /// Also write the tetrahedra of the polycube (.mesh, .vtk, .vtu), of the simplified model if there is one. Voxels have none:
@@ -51,7 +51,7 @@ pub struct PolycubeArgs {
     /// in its order, as --write-model-labels writes them (of an image: as --write-labels); or a surface (.ply, .obj) with the
     /// property `label` of faces, or materials or groups of these names. One attempt; the exit code is 2
     /// if they cannot be those of a polycube, and the line is named
-    #[arg(long, value_name = "LABELS", conflicts_with_all = ["smoothness", "polycube", "max_vertices"])]
+    #[arg(long, value_name = "LABELS", conflicts_with_all = ["smoothness", "features", "polycube", "max_vertices"])]
     pub labels: Option<PathBuf>,
     /// Also write the label of each triangle of the image, in its order: -x, +x, -y, +y, -z or +z in a line of its own, the
     /// direction that the triangle faces along in the polycube. With .ply or .obj the image with them is written
@@ -145,4 +145,9 @@ pub struct SmoothnessArgs {
     /// are tried where no polycube is found
     #[arg(long, value_name = "FRACTION", default_value_t = PolycubeOptions::default().smoothness)]
     pub smoothness: f64,
+    /// Edges of the model with at least this angle, in degrees, between the normals beside them become edges of the polycube where
+    /// the directions of their sides allow it, and the report says how many did. Without it borders between charts follow sharp edges
+    /// as well, but are not free of cost there
+    #[arg(long, value_name = "DEGREES")]
+    pub features: Option<f64>,
 }

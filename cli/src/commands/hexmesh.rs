@@ -175,6 +175,7 @@ fn options(args: &HexmeshArgs) -> HexmeshOptions {
         polycube_kind: args.polycube.into(),
         polycube: PolycubeOptions {
             smoothness: args.smoothness.smoothness,
+            feature_angle: args.smoothness.features,
             orientation: args.orient.orient.into(),
             ..polycube
         },

@@ -166,6 +166,7 @@ fn options(args: &PolycubeArgs) -> anyhow::Result<ModelPolycubeOptions> {
         most_vertices: args.max_vertices,
         deformation: PolycubeOptions {
             smoothness: args.smoothness.smoothness,
+            feature_angle: args.smoothness.features,
             lattice: args.lattice.map(CellSize::Length),
             orientation: args.orient.orient.into(),
             ..PolycubeOptions::default()

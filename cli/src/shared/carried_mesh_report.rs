@@ -205,13 +205,15 @@ pub fn rows(report: &CarriedMeshReport, is_given: bool) -> Vec<[String; 2]> {
         ],
     ];
     if let Some(padding) = &found.padding {
-        rows.push([
-            "padding".into(),
-            format!(
-                "a layer of cells below {} of the polycube's {} boundary quads, where it makes angles better",
-                padding.quads, padding.of
+        let words = match padding.quads {
+            0 => "none: every cell is one of the grid".into(),
+            quads if quads == padding.of => "a layer of cells below the whole boundary".into(),
+            quads => format!(
+                "a layer of cells below {quads} of the grid's {} boundary quads, where it makes angles better",
+                padding.of
             ),
-        ]);
+        };
+        rows.push(["padding".into(), words]);
     }
     if is_given {
         let off = significant(found.off_surface, 2);

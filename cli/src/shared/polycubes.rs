@@ -175,6 +175,17 @@ fn deformed_rows(found: &PolycubeReport) -> Vec<[String; 2]> {
             format!("by {}°, the polycube alone", significant(degrees, 3)),
         ]);
     }
+    if let Some(features) = &found.features {
+        let words = match features.length > 0.0 {
+            false => format!("none sharper than {}°", features.angle),
+            true => format!(
+                "{} % of the length of edges sharper than {}° are edges of the polycube",
+                significant(100.0 * features.on_borders / features.length, 3),
+                features.angle
+            ),
+        };
+        rows.push(["features".into(), words]);
+    }
     let lattice = match found.lattice {
         Some(size) => format!(", on a lattice with cells of {}", significant(size, 4)),
         None => String::new(),

@@ -24,6 +24,10 @@ struct PolycubeOptions {
   /// How much borders between charts count against the deviation of triangles from the axes; positive. A larger value
   /// gives fewer charts. Where no polycube is found, others are tried.
   double smoothness = 0.02;
+  /// Angle in degrees between the normals beside an edge of the model from which borders between charts cost nothing along
+  /// it: it becomes an edge of the polycube where the directions of its sides allow it. 0: borders cost less along sharp
+  /// edges, but something.
+  double feature_angle = 0;
   /// Largest number of tetrahedra that splitting may add, as a multiple of those given; 1000 more are always allowed.
   double most_added = 1;
   /// Largest number of attempts, each with labels of its own; there are no more than 5. With 0 no labels are found.
@@ -57,11 +61,21 @@ struct SurfaceDistortion {
 /// the six faces of a cube around it, and much distortion at limbs; or the caller of make_polycube_with_labels().
 enum class LabelSource : std::uint8_t { cut, sphere, given };
 
+/// How much of a model's sharp edges became edges of the polycube. Lengths are in model units.
+struct FeatureReport {
+  /// From which an edge counts as sharp, in degrees.
+  double angle = 0;
+  /// Length of the sharp edges, without those that end somewhere, and of those of them that are edges of the polycube.
+  double length = 0, on_borders = 0;
+};
+
 /// What was done to find a polycube.
 struct PolycubeReport {
   LabelSource labels = LabelSource::cut;
   /// The smoothness with which a cut found the labels; 0 for those from the sphere.
   double smoothness = 0;
+  /// With PolycubeOptions::feature_angle.
+  std::optional<FeatureReport> features;
   /// Attempts made.
   std::size_t attempts = 0;
   /// Rows of the rotation by which the model was turned before it was deformed; without a value if it was not.

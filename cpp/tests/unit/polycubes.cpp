@@ -161,6 +161,7 @@ std::string steps_that_cancel(const Work& work) {
 TEST_CASE("the defaults of polycubes and hexahedra in the headers are those of the library") {
   const auto check_polycubes = [](const PolycubeOptions& a, const PolycubeOptions& b) {
     CHECK(a.smoothness == b.smoothness);
+    CHECK(a.feature_angle == b.feature_angle);
     CHECK(a.most_added == b.most_added);
     CHECK(a.attempts == b.attempts);
     CHECK(a.effort == b.effort);
@@ -207,6 +208,7 @@ TEST_CASE("an L and a ring of boxes are their own polycubes") {
     CHECK(report.planes == planes);
     CHECK(report.attempts == 1);
     CHECK((report.labels == LabelSource::cut));
+    CHECK(!report.features.has_value());
     CHECK(report.smoothness == PolycubeOptions().smoothness);
     CHECK(!report.lattice.has_value());
     CHECK(report.energy == doctest::Approx(7.0).epsilon(1e-6));
@@ -278,6 +280,8 @@ TEST_CASE("what has no polycube or hexahedra is an error with a category, and wo
   const double nan = std::nan("");
   CHECK(polycube([](PolycubeOptions& o) { o.smoothness = 0; }) == "invalid_input");
   CHECK(polycube([&](PolycubeOptions& o) { o.smoothness = nan; }) == "invalid_input");
+  CHECK(polycube([&](PolycubeOptions& o) { o.feature_angle = nan; }) == "invalid_input");
+  CHECK(polycube([&](PolycubeOptions& o) { o.feature_angle = 180; }) == "invalid_input");
   CHECK(polycube([](PolycubeOptions& o) { o.lattice_length = -1; }) == "invalid_input");
   CHECK(polycube([&](PolycubeOptions& o) { o.lattice_length = nan; }) == "invalid_input");
   CHECK(polycube([](PolycubeOptions& o) { o.attempts = 0; }) == "numerical");
