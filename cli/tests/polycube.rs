@@ -54,7 +54,10 @@ fn a_polycube_is_fitted_and_its_hexahedra_are_carried_into_the_model() {
     assert!((hexes.volume() / given.volume() - 1.0).abs() < 0.05);
 
     // Another number of charts is asked for, and the text says what was found.
-    let output = place.ends_with(0, "polycube bar.mesh -o q.obj --image n.obj --smoothness 0.005 --features 40");
+    let output = place.ends_with(
+        0,
+        "polycube bar.mesh -o q.obj --image n.obj --smoothness 0.005 --features 40",
+    );
     let text = text(&output.stdout);
     assert!(
         text.contains("graph cut with smoothness 0.005")
@@ -407,8 +410,8 @@ fn models_and_options_that_cannot_be_used_are_refused() {
         place.fails(
             "polycube cube.obj -o p.obj --image m.obj --features 180",
             &["cube.obj", "angle of sharp edges is 180"],
-        ),
-        (
+        );
+        place.fails(
             "polycube cube.obj -o p.obj --image m.obj --smoothness 0",
             &["cube.obj", "smoothness is 0"],
         );
