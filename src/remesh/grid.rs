@@ -1,10 +1,9 @@
 //! Regular meshes of polycubes: tetrahedra, none with all its nodes on the boundary, or hexahedra with a padding layer.
 
-use std::collections::HashMap;
-
 use super::RemeshError;
 use super::bounded_mesh::BoundedMesh;
 use super::planes::{Polycube, boxes};
+use super::sheets::padded_everywhere;
 use crate::mesh::{CellList, KUHN};
 use crate::{Point, Vector};
 
@@ -127,8 +126,7 @@ pub fn regular_mesh(
         CellKind::Tets => grid.tets(),
         CellKind::Hexes => {
             let grid = grid.hex_grid();
-            let everywhere = vec![true; grid.quads.len()];
-            grid.padded(&everywhere)
+            padded_everywhere(grid)
         }
     })
 }
@@ -237,6 +235,7 @@ impl Polycube {
         let (mut hexes, mut quads) = (Vec::new(), Vec::new());
         for at in self.filled() {
             // Around the bottom, then the top.
+            let hex = hexes.len() as u32;
             hexes.push([0, 1, 3, 2, 4, 5, 7, 6].map(|m| self.corner(&node_ids, at, m)));
             for [axis, side] in self.outer_faces_of(at) {
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -247,6 +246,7 @@ impl Polycube {
                     axis,
                     side,
                     depth: PADDING * self.sides(at)[axis],
+                    hex,
                 });
             }
         }
@@ -259,6 +259,7 @@ impl Polycube {
 }
 
 /// The boxes of a polycube as hexahedra, without padding.
+#[derive(Debug, Clone)]
 pub(super) struct HexGrid {
     pub nodes: Vec<Point>,
     pub hexes: Vec<[u32; 8]>,
@@ -267,6 +268,7 @@ pub(super) struct HexGrid {
 }
 
 /// A quad of the boundary of a [`HexGrid`].
+#[derive(Debug, Clone, Copy)]
 pub(super) struct GridQuad {
     /// Counter-clockwise from outside.
     pub nodes: [u32; 4],
@@ -274,83 +276,13 @@ pub(super) struct GridQuad {
     pub axis: usize,
     pub side: usize,
     /// Thickness of a padding layer below it.
-    depth: f64,
+    pub depth: f64,
+    /// The hexahedron that it bounds.
+    pub hex: u32,
 }
 
 impl HexGrid {
     pub fn of(polycube: &Polycube, size: f64) -> Self {
         polycube.refined(size, CellKind::Hexes).hex_grid()
-    }
-
-    /// With one more hexahedron below each quad that is `padded`. Where a padded quad ends at one that is not, the layer ends on
-    /// the surface, as a row of quads beside that one.
-    pub fn padded(self, padded: &[bool]) -> BoundedMesh {
-        let Self {
-            mut nodes,
-            mut hexes,
-            quads,
-        } = self;
-        let of_grid = nodes.len();
-        // How far nodes of padded quads move inward from faces that face down and up each axis. Where there are faces of both
-        // kinds no position suits all of them, and cells there are flat or inverted in the domain itself
-        // (`RemeshReport::invalid_in_domain`); a map that flattens the corner makes them positive.
-        let mut depths = vec![[[0.0f64; 2]; 3]; of_grid];
-        let (mut is_padded, mut on_boundary) = (vec![false; of_grid], vec![false; of_grid]);
-        for (quad, &padded) in quads.iter().zip(padded) {
-            for v in quad.nodes.map(|v| v as usize) {
-                match padded {
-                    true => {
-                        is_padded[v] = true;
-                        // The thinnest of several boxes with faces across this axis decides.
-                        let inset = &mut depths[v][quad.axis][quad.side];
-                        *inset = if *inset == 0.0 {
-                            quad.depth
-                        } else {
-                            quad.depth.min(*inset)
-                        };
-                    }
-                    false => on_boundary[v] = true,
-                }
-            }
-        }
-        // Nodes of padded quads move inward; new ones take their positions.
-        let mut surface = HashMap::new();
-        for v in (0..of_grid).filter(|&v| is_padded[v]) {
-            surface.insert(v as u32, nodes.len() as u32);
-            let at = nodes[v];
-            nodes.push(at);
-            nodes[v] += Vector::from_fn(|k, _| match depths[v][k] {
-                [down, 0.0] => down,
-                [0.0, up] => -up,
-                _ => 0.0,
-            });
-            on_boundary.push(true);
-        }
-        let edges = |[a, b, c, d]: [u32; 4]| [[a, b], [b, c], [c, d], [d, a]];
-        let sides = quads.iter().zip(padded).flat_map(|(quad, &padded)| {
-            let sides = edges(quad.nodes);
-            sides.map(|edge| (edge, padded))
-        });
-        let padded_at: HashMap<[u32; 2], bool> = sides.collect();
-        let mut boundary = Vec::new();
-        let mut add = |[a, b, c, d]: [u32; 4]| boundary.extend([[a, b, c], [a, c, d]]);
-        for (quad, &padded) in quads.iter().zip(padded) {
-            let below = quad.nodes;
-            if !padded {
-                add(below);
-                continue;
-            }
-            let above = below.map(|v| surface[&v]);
-            let ([a, b, c, d], [e, f, g, h]) = (below, above);
-            hexes.push([a, b, c, d, e, f, g, h]);
-            add(above);
-            for [a, b] in edges(below) {
-                if !padded_at[&[b, a]] {
-                    add([a, b, surface[&b], surface[&a]]);
-                }
-            }
-        }
-        let regions = vec![1; hexes.len()];
-        BoundedMesh::new(nodes, CellList::Hexes(hexes), regions, on_boundary, boundary)
     }
 }

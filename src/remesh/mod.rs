@@ -31,6 +31,7 @@ mod repair;
 mod rings;
 mod self_intersections;
 mod shared_coordinates;
+mod sheets;
 mod slide;
 mod split;
 mod start;
@@ -63,7 +64,7 @@ use grid::{HexGrid, box_count};
 pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use other_boundary::OtherBoundary;
 pub use padding::PaddingReport;
-use padding::padded_quads;
+use padding::padded_where_needed;
 pub(crate) use patches::local_volumes;
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
@@ -524,12 +525,7 @@ fn hexes_padded_where_needed(
     for (&v, image) in on_boundary.iter().zip(mapped) {
         images[v as usize] = image;
     }
-    let padded = padded_quads(&grid, &images);
-    let report = PaddingReport {
-        quads: padded.iter().filter(|padded| **padded).count(),
-        of: padded.len(),
-    };
-    Ok((grid.padded(&padded), report))
+    Ok(padded_where_needed(grid, &images))
 }
 
 /// The result with all its measurements but the timings.

@@ -6,13 +6,14 @@
 //! hexahedra share the edge. But where the edge stays sharp, these two would have half of its angle each. The same goes for
 //! the angles of quads at the polycube's corners: the quads of a cylinder's flat end have both their edges along its rim there,
 //! unless the layer below the curved faces ends on the flat one. That a layer need not be everywhere is from Cherchi et al.,
-//! *Selective Padding for Polycube-Based Hexahedral Meshing*, Computer Graphics Forum 38, 2019; there the layer may also leave the boundary,
-//! and an integer program decides.
+//! *Selective Padding for Polycube-Based Hexahedral Meshing*, Computer Graphics Forum 38, 2019, where an integer program decides.
 
 use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::PI;
 
+use super::bounded_mesh::BoundedMesh;
 use super::grid::HexGrid;
+use super::sheets::{self, faces_of, is_reentrant, left_of};
 use crate::mesh::topology::DisjointSets;
 use crate::{Point, Vector};
 
@@ -43,10 +44,27 @@ impl PaddingReport {
     }
 }
 
-/// Which quads of the grid's boundary are to be padded, so that the angles at the edges and corners of the polycube are best;
-/// `images` are the target's points for nodes of the boundary.
-pub(super) fn padded_quads(grid: &HexGrid, images: &[Point]) -> Vec<bool> {
-    let faces = Faces::of(grid);
+/// The hexahedra of a grid, with sheets of them below those of its faces where that makes angles better; `images` are the target's points
+/// for nodes of the boundary.
+pub(super) fn padded_where_needed(grid: HexGrid, images: &[Point]) -> (BoundedMesh, PaddingReport) {
+    // A sheet that goes on inside from a reentrant edge may cross itself; faces that are padded together need none.
+    for sheets_go_on in [true, false] {
+        let padded = padded_quads(&grid, images, sheets_go_on);
+        if let Some(mesh) = sheets::padded(grid.clone(), &padded) {
+            let report = PaddingReport {
+                quads: padded.iter().filter(|padded| **padded).count(),
+                of: padded.len(),
+            };
+            return (mesh, report);
+        }
+    }
+    let report = PaddingReport::everywhere(grid.quads.len());
+    (sheets::padded_everywhere(grid), report)
+}
+
+/// Which quads of the grid's boundary are to be padded, so that the angles at the edges and corners of the polycube are best.
+fn padded_quads(grid: &HexGrid, images: &[Point], sheets_go_on: bool) -> Vec<bool> {
+    let faces = Faces::of(grid, sheets_go_on);
     let angles = faces.angles(grid, images);
     let everywhere = vec![true; faces.groups];
     let mut best = everywhere.clone();
@@ -63,8 +81,8 @@ pub(super) fn padded_quads(grid: &HexGrid, images: &[Point]) -> Vec<bool> {
     faces.group_of.iter().map(|&group| padded[group]).collect()
 }
 
-/// The faces of the polycube, in groups that are padded together: those with a reentrant edge between them, at which
-/// a layer cannot end.
+/// The faces of the polycube, in groups that are padded together: each by itself, or those with a reentrant edge between them, where no
+/// sheet is to go on inside.
 struct Faces {
     /// The face of each quad, and its group.
     face_of: Vec<u32>,
@@ -74,32 +92,20 @@ struct Faces {
     left_of: BTreeMap<[u32; 2], u32>,
 }
 
-fn edges([a, b, c, d]: [u32; 4]) -> [[u32; 2]; 4] {
-    [[a, b], [b, c], [c, d], [d, a]]
-}
-
 impl Faces {
-    fn of(grid: &HexGrid) -> Self {
-        let mut left_of = BTreeMap::new();
-        for (quad, index) in grid.quads.iter().zip(0..) {
-            left_of.extend(edges(quad.nodes).map(|edge| (edge, index)));
-        }
-        let [mut faces, mut groups] = [0, 1].map(|_| DisjointSets::new(grid.quads.len()));
-        for (&[a, b], &left) in &left_of {
-            let Some(&right) = left_of.get(&[b, a]) else { continue };
-            let [one, other] = [left, right].map(|quad| &grid.quads[quad as usize]);
-            let is_one_face = one.axis == other.axis;
-            if is_one_face {
-                faces.unite(left, right);
-            }
-            if is_one_face || is_reentrant(grid, left, right) {
+    fn of(grid: &HexGrid, sheets_go_on: bool) -> Self {
+        let (left_of, face_of) = (left_of(&grid.quads), faces_of(&grid.quads));
+        let mut groups = DisjointSets::new(grid.quads.len());
+        (0..).zip(&face_of).for_each(|(quad, &face)| groups.unite(quad, face));
+        for (&[a, b], &left) in left_of.iter().filter(|_| !sheets_go_on) {
+            if let Some(&right) = left_of.get(&[b, a])
+                && is_reentrant(grid, left, right)
+            {
                 groups.unite(left, right);
             }
         }
-        let quads = 0..grid.quads.len() as u32;
-        let face_of = quads.clone().map(|quad| faces.find(quad)).collect();
         let mut number = HashMap::new();
-        let group_of = quads.map(|quad| {
+        let group_of = (0..grid.quads.len() as u32).map(|quad| {
             let next = number.len();
             *number.entry(groups.find(quad)).or_insert(next)
         });
@@ -136,6 +142,7 @@ impl Faces {
                 radians: PI - turn,
                 weight: 1.0,
                 parts: if is_reentrant(grid, left, right) { 3 } else { 1 },
+                is_reentrant_edge: is_reentrant(grid, left, right),
                 own: None,
                 beside: [left, right].map(|quad| self.group_of[quad as usize]).to_vec(),
             }));
@@ -172,13 +179,16 @@ impl Faces {
                     (parts, own) = (parts + 1, Some(self.group_of[quad as usize]));
                     let around = [[nodes[(k + 1) % 4], v], [v, nodes[(k + 3) % 4]]];
                     let across = around.iter().filter_map(|edge| self.left_of.get(edge));
-                    let others = across.filter(|&&quad| self.face_of[quad as usize] != face);
+                    // At reentrant edges no layer ends on this face.
+                    let others = across
+                        .filter(|&&other| self.face_of[other as usize] != face && !is_reentrant(grid, quad, other));
                     beside.extend(others.map(|&quad| self.group_of[quad as usize]));
                 }
                 terms.push(Term::Angle(Angle {
                     radians,
                     weight: OF_CORNER,
                     parts,
+                    is_reentrant_edge: false,
                     own,
                     beside,
                 }));
@@ -206,17 +216,6 @@ impl Faces {
     }
 }
 
-/// Whether the edge between two quads of the grid's boundary is reentrant: whether the second rises from the first.
-fn is_reentrant(grid: &HexGrid, one: u32, other: u32) -> bool {
-    let [one, other] = [one, other].map(|quad| &grid.quads[quad as usize]);
-    if one.axis == other.axis {
-        return false;
-    }
-    let height = |nodes: [u32; 4]| nodes.iter().map(|&v| grid.nodes[v as usize][one.axis]).sum::<f64>();
-    let rises = height(other.nodes) - height(one.nodes);
-    (rises > 0.0) == (one.side == 1)
-}
-
 /// What a choice of padded groups costs.
 enum Term {
     Angle(Angle),
@@ -233,6 +232,8 @@ struct Angle {
     weight: f64,
     /// Into how many parts the cells of the grid divide it.
     parts: usize,
+    /// Whether it is that of an edge at which a sheet below one side goes on inside, and leaves the angle to the same number of cells.
+    is_reentrant_edge: bool,
     /// The group of the face, if it is an angle of one face.
     own: Option<usize>,
     /// The groups of the faces beside it, one for each edge: if any of them is padded, and the face itself is not, the cells
@@ -276,7 +277,8 @@ impl Angle {
             Some(own) if padded[own] => 0,
             _ => self.beside.iter().filter(|&&group| padded[group]).count(),
         };
-        let parts = if of_padding > 0 { of_padding } else { self.parts };
+        let is_divided = of_padding > if self.is_reentrant_edge { 1 } else { 0 };
+        let parts = if is_divided { of_padding } else { self.parts };
         // 0 for a right angle, 1 for a flat one; more where it is larger still.
         let part = (self.radians / parts as f64).min(1.5 * PI);
         self.weight * (1.0 - part.sin()).powi(2)
@@ -359,7 +361,7 @@ mod tests {
     /// Which quads are padded, if all points of the grid's boundary go where `image` says.
     fn padded(grid: &HexGrid, image: impl Fn(&Point) -> Point) -> Vec<bool> {
         let images: Vec<Point> = grid.nodes.iter().map(image).collect();
-        padded_quads(grid, &images)
+        padded_quads(grid, &images, true)
     }
 
     fn sides_of(grid: &HexGrid, padded: &[bool]) -> Vec<[usize; 2]> {
@@ -400,7 +402,7 @@ mod tests {
                 .iter()
                 .map(|quad| choice >> (2 * quad.axis + quad.side) & 1 == 1)
                 .collect();
-            require_sound(&grid.padded(&padded), 1.0);
+            require_sound(&sheets::padded(grid, &padded).unwrap(), 1.0);
         }
     }
 
@@ -430,22 +432,63 @@ mod tests {
         };
         let padded = padded(&cube, image);
         assert_eq!(sides_of(&cube, &padded), [[0, 0], [0, 1], [1, 0], [1, 1]]);
-        require_sound(&cube.padded(&padded), 1.0);
+        require_sound(&sheets::padded(cube, &padded).unwrap(), 1.0);
     }
 
-    /// The faces of an L are grouped at its reentrant edge; where all its faces are curved, all are padded.
+    /// Every choice of the faces of an L and of a tower on a plate: where sheets go on from reentrant edges they end on the other side, or
+    /// the choice is refused; with faces beside reentrant edges together it never is.
     #[test]
-    fn faces_beside_a_reentrant_edge_go_together() {
-        let l = [[0, 0, 0], [1, 0, 0], [0, 1, 0]];
-        let whole = grid(&l, 0.25);
-        assert!(!padded(&whole, |p| *p).contains(&true));
-        let faces = Faces::of(&whole);
-        // Eight faces, two of which are one group.
-        assert_eq!(faces.groups, 7);
-        for group in 0..faces.groups {
-            let of_group: Vec<bool> = faces.group_of.iter().map(|g| *g == group).collect();
-            require_sound(&grid(&l, 0.25).padded(&of_group), 3.0);
+    fn sheets_go_on_from_reentrant_edges() {
+        let l = vec![[0, 0, 0], [1, 0, 0], [0, 1, 0]];
+        let mut tower: Vec<[i32; 3]> = (0..9).map(|k| [k % 3, k / 3, 0]).collect();
+        tower.push([1, 1, 1]);
+        for (cubes, least_possible) in [(l, 255), (tower, 255)] {
+            let new_grid = || grid(&cubes, 0.5);
+            let volume = cubes.len() as f64;
+            let whole = new_grid();
+            assert!(!padded(&whole, |p| *p).contains(&true));
+            let mut possible = 0;
+            let faces = Faces::of(&whole, true);
+            for choice in 0..1_usize << faces.groups {
+                let padded: Vec<bool> = faces.group_of.iter().map(|g| choice >> g & 1 == 1).collect();
+                if let Some(mesh) = sheets::padded(new_grid(), &padded) {
+                    require_sound(&mesh, volume);
+                    possible += 1;
+                }
+            }
+            assert!(possible > least_possible, "{possible}");
+            let joined = Faces::of(&whole, false);
+            for choice in 0..1_usize << joined.groups {
+                let padded: Vec<bool> = joined.group_of.iter().map(|g| choice >> g & 1 == 1).collect();
+                require_sound(&sheets::padded(new_grid(), &padded).unwrap(), volume);
+            }
         }
+    }
+
+    /// A shaft on a flange, both round: each has a sheet below its side, and that of the shaft goes through the flange.
+    #[test]
+    fn a_shaft_on_a_flange_has_a_sheet_through_the_flange() {
+        let mut cubes: Vec<[i32; 3]> = (0..9).map(|k| [k % 3, k / 3, 0]).collect();
+        cubes.push([1, 1, 1]);
+        let whole = grid(&cubes, 0.25);
+        let round = |p: &Point| {
+            let [x, y] = [p.x - 1.5, p.y - 1.5];
+            let scale = if x == 0.0 && y == 0.0 {
+                0.0
+            } else {
+                x.abs().max(y.abs()) / x.hypot(y)
+            };
+            Point::new(x * scale, y * scale, p.z)
+        };
+        let padded = padded(&whole, round);
+        assert_eq!(sides_of(&whole, &padded), [[0, 0], [0, 1], [1, 0], [1, 1]]);
+        let quads = padded.iter().filter(|padded| **padded).count();
+        assert_eq!(quads, 4 * 48 + 4 * 16);
+        let (hexes, volume) = (whole.hexes.len(), cubes.len() as f64);
+        let mesh = sheets::padded(whole, &padded).unwrap();
+        require_sound(&mesh, volume);
+        // Those of the shaft's sheet in the flange as well.
+        assert_eq!(mesh.cells.len(), hexes + quads + 4 * 16);
     }
 
     #[test]
