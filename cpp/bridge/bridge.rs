@@ -343,6 +343,9 @@ pub(super) mod ffi {
     struct RemeshReport {
         nodes: usize,
         boundary_nodes: usize,
+        /// Of the grid's boundary, those with a hexahedron of the padding below them; both 0 unless it is one of hexahedra.
+        padded_quads: usize,
+        boundary_quads: usize,
         quality_as_mapped: CellQuality,
         quality: CellQuality,
         /// 0 not asked, 1 nothing inverted, 2 cells inverted, 3 no gain, 4 kept, 5 undone.

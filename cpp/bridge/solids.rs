@@ -238,6 +238,8 @@ impl RemeshResult {
             Ok(ffi::RemeshReport {
                 nodes: report.nodes,
                 boundary_nodes: report.boundary_nodes,
+                padded_quads: report.padding.map_or(0, |padding| padding.quads),
+                boundary_quads: report.padding.map_or(0, |padding| padding.of),
                 quality_as_mapped: quality_of(mesh.cells(), &self.0.carried),
                 quality: quality_of(mesh.cells(), &self.0.images),
                 polish: match report.repair.polish.outcome {

@@ -70,6 +70,7 @@ Remeshed detail::converted(const ffi::RemeshResult& remeshed) {
   RemeshReport report;
   report.nodes = found.nodes;
   report.boundary_nodes = found.boundary_nodes;
+  if (found.boundary_quads > 0) report.padding = Padding{found.padded_quads, found.boundary_quads};
   report.quality_as_mapped = quality_of(found.quality_as_mapped);
   report.inverted_as_mapped = report.quality_as_mapped.inverted;
   report.quality = quality_of(found.quality);

@@ -126,14 +126,22 @@ struct OtherBoundary {
   double mean_shift = 0, largest_shift = 0;
 };
 
+/// Where regular hexahedra have a padding layer: the quads of the grid's boundary with one of its hexahedra below them, and all.
+struct Padding {
+  std::size_t quads = 0, of = 0;
+};
+
 /// The report on a carried mesh. Distances, shifts and slides are fractions of the target's diagonal.
 struct RemeshReport {
   std::size_t nodes = 0, boundary_nodes = 0;
+  /// Below those faces of the polycube where it makes angles better; there for regular hexahedra alone.
+  std::optional<Padding> padding;
   /// Inverted cells before the repair; those left are in `quality`.
   std::size_t inverted_as_mapped = 0;
   /// The cells as mapped, and as they are now.
   CellQuality quality_as_mapped, quality;
   PolishOutcome polish = PolishOutcome::not_asked;
+  /// Largest at points no farther apart than the boundary's edges are long in the mean, and means over the area.
   double mesh_to_target_max = 0, mesh_to_target_mean = 0, target_to_mesh_max = 0, target_to_mesh_mean = 0;
   /// Volumes of the mesh and of the target.
   double volume = 0, target_volume = 0;

@@ -36,6 +36,7 @@ TEST_CASE("a polycube's grid is carried without an inverted cell") {
     CHECK((remeshed.mesh.kind() == kind));
     CHECK(remeshed.mesh.size() == remeshed.report.quality.cells);
     CHECK(remeshed.report.quality.inverted == 0);
+    CHECK(remeshed.report.padding.has_value() == (kind == CellKind::hexes));
     CHECK(remeshed.mesh.inverted().empty());
     CHECK(remeshed.report.quality.min_scaled_jacobian > 0);
     CHECK(remeshed.report.volume == doctest::Approx(remeshed.report.target_volume).epsilon(0.01));
