@@ -442,7 +442,7 @@ mod tests {
         let l = vec![[0, 0, 0], [1, 0, 0], [0, 1, 0]];
         let mut tower: Vec<[i32; 3]> = (0..9).map(|k| [k % 3, k / 3, 0]).collect();
         tower.push([1, 1, 1]);
-        for (cubes, least_possible) in [(l, 255), (tower, 255)] {
+        for (cubes, least_possible) in [(l, 150), (tower, 250)] {
             let new_grid = || grid(&cubes, 0.5);
             let volume = cubes.len() as f64;
             let whole = new_grid();
