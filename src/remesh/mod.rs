@@ -565,7 +565,7 @@ fn verified(
     let largest_slide = slides.iter().copied().fold(0.0, f64::max);
     let edge = mean_boundary_edge(&mesh, &carried);
     let largest_shift = shifts(false).into_iter().fold(0.0, f64::max) / diagonal;
-    let spacing = mean_boundary_edge(&mesh, &images);
+    let spacing = 0.5 * mean_boundary_edge(&mesh, &images);
     let [mesh_to_target, target_to_mesh] =
         distances_both_ways(&boundary_of(&mesh, &images), target, spacing, diagonal)?;
     let determinants = determinants(&mesh.cells, &mesh.nodes, &images);

@@ -22,6 +22,9 @@ use crate::{Point, Vector};
 /// with a least scaled Jacobian of 0.007 in place of 0.49 without the layer below 22 of its 700 quads.
 const MOST_OF_COST: f64 = 0.7;
 
+/// Faces of a polycube, at most, whose choice is tried step by step.
+const MOST_FACES: usize = 100;
+
 /// Weight of an angle of a quad at a corner of the polycube, beside the angles between quads at an edge of the grid.
 const OF_CORNER: f64 = 3.0;
 
@@ -47,10 +50,26 @@ impl PaddingReport {
 /// The hexahedra of a grid, with sheets of them below those of its faces where that makes angles better; `images` are the target's points
 /// for nodes of the boundary.
 pub(super) fn padded_where_needed(grid: HexGrid, images: &[Point]) -> (BoundedMesh, PaddingReport) {
-    // A sheet that goes on inside from a reentrant edge may cross itself; faces that are padded together need none.
-    for sheets_go_on in [true, false] {
-        let padded = padded_quads(&grid, images, sheets_go_on);
-        if let Some(mesh) = sheets::padded(grid.clone(), &padded) {
+    let laid = |padded: &[bool]| sheets::padded(grid.clone(), padded);
+    let any = |_: &[bool]| true;
+    let possible = |padded: &[bool]| laid(padded).is_some();
+    let go_on = Faces::of(&grid, true);
+    let step_by_step = go_on.groups <= MOST_FACES;
+    // A sheet that goes on inside from a reentrant edge may cross itself or end there. Then each step of the choice is tried; and faces beside
+    // reentrant edges that are padded together need no such sheet.
+    let choices: [&dyn Fn() -> Vec<bool>; 3] = [
+        &|| padded_quads(&grid, &go_on, images, &any),
+        &|| match step_by_step {
+            true => padded_quads(&grid, &go_on, images, &possible),
+            false => vec![],
+        },
+        &|| padded_quads(&grid, &Faces::of(&grid, false), images, &any),
+    ];
+    for choice in choices {
+        let padded = choice();
+        if !padded.is_empty()
+            && let Some(mesh) = laid(&padded)
+        {
             let report = PaddingReport {
                 quads: padded.iter().filter(|padded| **padded).count(),
                 of: padded.len(),
@@ -63,14 +82,16 @@ pub(super) fn padded_where_needed(grid: HexGrid, images: &[Point]) -> (BoundedMe
 }
 
 /// Which quads of the grid's boundary are to be padded, so that the angles at the edges and corners of the polycube are best.
-fn padded_quads(grid: &HexGrid, images: &[Point], sheets_go_on: bool) -> Vec<bool> {
-    let faces = Faces::of(grid, sheets_go_on);
+/// `is_possible` is asked for each choice of quads on the way from a layer everywhere.
+fn padded_quads(grid: &HexGrid, faces: &Faces, images: &[Point], is_possible: &dyn Fn(&[bool]) -> bool) -> Vec<bool> {
+    let of_quads = |padded: &[bool]| -> Vec<bool> { faces.group_of.iter().map(|&group| padded[group]).collect() };
+    let is_possible = |padded: &[bool]| is_possible(&of_quads(padded));
     let angles = faces.angles(grid, images);
     let everywhere = vec![true; faces.groups];
     let mut best = everywhere.clone();
     for start in [everywhere.clone(), angles.flat_groups(faces.groups)] {
-        let padded = angles.lowered(start);
-        if angles.cost(&padded) < angles.cost(&best) {
+        let padded = angles.lowered(start, &is_possible);
+        if is_possible(&padded) && angles.cost(&padded) < angles.cost(&best) {
             best = padded;
         }
     }
@@ -78,7 +99,7 @@ fn padded_quads(grid: &HexGrid, images: &[Point], sheets_go_on: bool) -> Vec<boo
         true => best,
         false => everywhere,
     };
-    faces.group_of.iter().map(|&group| padded[group]).collect()
+    of_quads(&padded)
 }
 
 /// The faces of the polycube, in groups that are padded together: each by itself, or those with a reentrant edge between them, where no
@@ -320,8 +341,8 @@ impl Angles {
         gains.into_iter().map(|gain| gain > 0.0).collect()
     }
 
-    /// Changes one group after the other, as long as that lowers the cost.
-    fn lowered(&self, mut padded: Vec<bool>) -> Vec<bool> {
+    /// Changes one group after the other, as long as that lowers the cost and is possible.
+    fn lowered(&self, mut padded: Vec<bool>, is_possible: &dyn Fn(&[bool]) -> bool) -> Vec<bool> {
         /// Changes below this are rounding errors.
         const LEAST: f64 = 1e-9;
         // Each change lowers the cost, so that this ends.
@@ -335,11 +356,17 @@ impl Angles {
                 other[group] = !other[group];
                 cost(&padded) - cost(&other)
             };
-            let gains = (0..padded.len()).map(|group| (gain(group), group));
-            let best = gains.reduce(|best, next| if next.0 > best.0 { next } else { best });
-            match best {
-                Some((gain, group)) if gain > LEAST => padded[group] = !padded[group],
-                _ => return padded,
+            let mut gains: Vec<(f64, usize)> = (0..padded.len()).map(|group| (gain(group), group)).collect();
+            gains.retain(|(gain, _)| *gain > LEAST);
+            gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let mut changed = gains.into_iter().map(|(_, group)| {
+                let mut changed = padded.clone();
+                changed[group] = !changed[group];
+                changed
+            });
+            match changed.find(|changed| is_possible(changed)) {
+                Some(changed) => padded = changed,
+                None => return padded,
             }
         }
     }
@@ -361,7 +388,7 @@ mod tests {
     /// Which quads are padded, if all points of the grid's boundary go where `image` says.
     fn padded(grid: &HexGrid, image: impl Fn(&Point) -> Point) -> Vec<bool> {
         let images: Vec<Point> = grid.nodes.iter().map(image).collect();
-        padded_quads(grid, &images, true)
+        padded_quads(grid, &Faces::of(grid, true), &images, &|_| true)
     }
 
     fn sides_of(grid: &HexGrid, padded: &[bool]) -> Vec<[usize; 2]> {
@@ -497,6 +524,6 @@ mod tests {
         assert_eq!(angles.cost(&[true, true, false, false]), 0.0);
         assert_eq!(angles.cost(&[true, false, false, true]), 0.0);
         assert_eq!(angles.cost(&[true, false, true, false]), IMPOSSIBLE);
-        assert!(angles.lowered(vec![true, false, true, false]) != [true, false, true, false]);
+        assert!(angles.lowered(vec![true, false, true, false], &|_| true) != [true, false, true, false]);
     }
 }

@@ -7,8 +7,8 @@ use crate::{Point, Vector};
 /// Distances from one surface to another, as fractions of the target's diagonal.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct SurfaceDistances {
-    /// Largest, at the vertices and at points no farther from each other than the boundary edges of the mesh are long in the mean.
-    /// Between them the distance may be larger by as much as they are apart, at most.
+    /// Largest, at the vertices and at points half as far from each other as the boundary edges of the mesh are long in the mean.
+    /// Between them the distance may be larger, by less than they are apart.
     pub max: f64,
     /// Mean over the area.
     pub mean: f64,

@@ -6,13 +6,15 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use serde::Serialize;
+use solidmap::Vector;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{Fit, FitOptions, FitReport};
 use solidmap::hexmesh::{Hexmesh, HexmeshOptions, HexmeshPhase, make_hexmesh};
 use solidmap::io;
-use solidmap::model_polycube::Polycube;
+use solidmap::mesh::CellList;
+use solidmap::model_polycube::{Polycube, PolycubeKind};
 use solidmap::polycube::{PolycubeMap, PolycubeOptions};
-use solidmap::remesh::{CellSize, RemeshOptions};
+use solidmap::remesh::{CellSize, RemeshOptions, Remeshed, scaled_jacobians};
 
 use crate::CommandOutcome;
 use crate::args::HexmeshArgs;
@@ -121,7 +123,13 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     let made = match make_hexmesh(&tets, &options, &progress) {
         Ok(made) => Ok(made),
         Err(error) if error.is_without_polycube() => Err(error.to_string()),
-        Err(error) => return Err(error).with_context(|| format!("cannot mesh `{}`", args.model.display())),
+        Err(error) => {
+            let hint = match args.polycube.into() {
+                PolycubeKind::Voxels => " by voxels (`--polycube deformed` or `auto` may do)",
+                _ => "",
+            };
+            return Err(error).with_context(|| format!("cannot mesh `{}`{hint}", args.model.display()));
+        }
     };
     let summary = HexmeshSummary {
         model: (&args.model).into(),
@@ -158,6 +166,29 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
 /// Whether neither the mesh misses a part of the model, nor sticks out of it.
 fn is_close(mesh: &CarriedMeshReport, args: &HexmeshArgs) -> bool {
     mesh.remesh.farthest() <= args.max_distance
+}
+
+/// Relative change of the volume that is warned of, and the scaled Jacobian of hexahedra below which they are.
+const MOST_VOLUME_CHANGE: f64 = 0.1;
+const POOR: f64 = 0.1;
+
+/// Warns of hexahedra that are valid, but too distorted for many solvers.
+fn warn_of_poor_cells(remeshed: &Remeshed, output: &Output) {
+    let CellList::Hexes(hexes) = remeshed.mesh.cells() else {
+        return;
+    };
+    let scaled = scaled_jacobians(remeshed.mesh.cells(), &remeshed.images);
+    let poor = scaled.iter().enumerate().filter(|(_, s)| (0.0..POOR).contains(*s));
+    let count = poor.clone().count();
+    if let Some((cell, least)) = poor.min_by(|a, b| a.1.total_cmp(b.1)) {
+        let corners = hexes[cell].map(|v| remeshed.images[v as usize].coords);
+        let [x, y, z] = (corners.into_iter().sum::<Vector>() / 8.0).into();
+        output.warn(format!(
+            "{count} hexahedra have a scaled Jacobian below {POOR}, the least {} near ({x:.4}, {y:.4}, {z:.4}): valid, but poor. \
+             Another number of cells or --orient principal may help",
+            significant(*least, 2)
+        ));
+    }
 }
 
 /// The library's options, from the arguments.
@@ -244,6 +275,15 @@ fn written(
             "the mesh is not close to the model: a point of the model is {missed} of the diagonal away from it, and a point of its \
              boundary {beyond} from the model; {} are allowed (--max-distance). Smaller cells or another --polycube may help",
             args.max_distance
+        ));
+    }
+    warn_of_poor_cells(&remeshed, output);
+    let change = mesh.remesh.volume / mesh.remesh.target_volume - 1.0;
+    if change.abs() > MOST_VOLUME_CHANGE {
+        output.warn(format!(
+            "the mesh has a volume {} % {} than the model's: parts of the model are thinner than the cells. Smaller cells help",
+            significant(100.0 * change.abs(), 2),
+            if change > 0.0 { "larger" } else { "smaller" }
         ));
     }
     if let Some(folder) = &args.keep {

@@ -141,7 +141,7 @@ struct RemeshReport {
   /// The cells as mapped, and as they are now.
   CellQuality quality_as_mapped, quality;
   PolishOutcome polish = PolishOutcome::not_asked;
-  /// Largest at points no farther apart than the boundary's edges are long in the mean, and means over the area.
+  /// Largest at points half as far apart as the boundary's edges are long in the mean, and means over the area.
   double mesh_to_target_max = 0, mesh_to_target_mean = 0, target_to_mesh_max = 0, target_to_mesh_mean = 0;
   /// Volumes of the mesh and of the target.
   double volume = 0, target_volume = 0;
