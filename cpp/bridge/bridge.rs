@@ -343,7 +343,8 @@ pub(super) mod ffi {
     struct RemeshReport {
         nodes: usize,
         boundary_nodes: usize,
-        /// Of the grid's boundary, those with a hexahedron of the padding below them; both 0 unless it is one of hexahedra.
+        /// How many quads of the grid's boundary have a hexahedron of the padding layer below them, and how many there are; both 0
+        /// unless the cells are regular hexahedra.
         padded_quads: usize,
         boundary_quads: usize,
         quality_as_mapped: CellQuality,

@@ -19,7 +19,7 @@ mod weld;
 pub use boundary_surface::BoundarySurface;
 pub(crate) use cell_faces::{CellFace, faces, outer, sorted};
 pub use cell_mesh::{CellList, CellMesh, HEXAHEDRON};
-pub(crate) use cell_mesh::{HEX_CORNERS, TET_FACES};
+pub(crate) use cell_mesh::{HEX_CORNERS, HEX_FACES, TET_FACES};
 pub(crate) use creases::FEATURE_ANGLE;
 pub use creases::{creases, feature_curves};
 pub use hex_split::tets_of_hex;

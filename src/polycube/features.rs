@@ -26,7 +26,7 @@ pub(super) fn feature_edges(triangles: &[[u32; 3]], nodes: &[Point], degrees: f6
 }
 
 impl FeatureReport {
-    /// Of a solid with its labels; lengths are divided by `scale`.
+    /// Measures a solid with labels, whose nodes are those of the model times `scale`.
     pub(super) fn of(solid: &Solid, graph: &FaceGraph, degrees: f64, scale: f64) -> Self {
         let nodes = &solid.mesh.nodes;
         let edges = feature_edges(&graph.triangles, nodes, degrees);

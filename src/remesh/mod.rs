@@ -436,7 +436,7 @@ struct PreparedMesh {
     mesh: BoundedMesh,
     cell_size: Option<f64>,
     off_surface: f64,
-    /// Of regular hexahedra.
+    /// Where the padding layer is; `None` unless these are regular hexahedra.
     padding: Option<PaddingReport>,
     /// Bytes that the whole run takes.
     memory: u64,

@@ -22,8 +22,9 @@ use crate::{Point, Vector};
 /// with a least scaled Jacobian of 0.007 in place of 0.49 without the layer below 22 of its 700 quads.
 const MOST_OF_COST: f64 = 0.7;
 
-/// Faces of a polycube, at most, whose choice is tried step by step.
+/// Faces of a polycube and cells of its grid, at most, where each step of the choice is tried: a trial lays all sheets.
 const MOST_FACES: usize = 100;
+const MOST_CELLS: usize = 100_000;
 
 /// Weight of an angle of a quad at a corner of the polycube, beside the angles between quads at an edge of the grid.
 const OF_CORNER: f64 = 3.0;
@@ -54,7 +55,7 @@ pub(super) fn padded_where_needed(grid: HexGrid, images: &[Point]) -> (BoundedMe
     let any = |_: &[bool]| true;
     let possible = |padded: &[bool]| laid(padded).is_some();
     let go_on = Faces::of(&grid, true);
-    let step_by_step = go_on.groups <= MOST_FACES;
+    let step_by_step = go_on.groups <= MOST_FACES && grid.hexes.len() <= MOST_CELLS;
     // A sheet that goes on inside from a reentrant edge may cross itself or end there. Then each step of the choice is tried; and faces beside
     // reentrant edges that are padded together need no such sheet.
     let choices: [&dyn Fn() -> Vec<bool>; 3] = [

@@ -53,8 +53,8 @@ const MAX_REPEATS: usize = 3;
 const FIRST_EPSILON: f64 = 0.3;
 /// Cosine of the angle between the normals at an edge of the target below which it is a crease.
 const CREASE: f64 = 0.7;
-/// Points that an edge of a feature curve is represented by, at most.
-const MOST_POINTS_OF_EDGE: f64 = 1e4;
+/// Points that feature curves are represented by, at most, beside one for each edge.
+const MOST_POINTS: f64 = 1e5;
 /// Barycentric coordinate below which a point of a triangle is on the side across.
 const ON_EDGE: f64 = 1e-6;
 
@@ -129,10 +129,16 @@ impl<'a> RelaxationSurface<'a> {
     pub fn feature_points(&self, spacing: f64, least_length: f64) -> Vec<(Point, f64)> {
         let sharp = creases(self.target, FEATURE_ANGLE.to_radians().cos());
         let curves = feature_curves(self.target, &sharp, least_length);
+        let ends_of = |ends: [u32; 2]| ends.map(|v| self.target.vertices()[v as usize]);
+        let lengths = curves.iter().map(|ends| {
+            let [a, b] = ends_of(*ends);
+            (b - a).norm()
+        });
+        let spacing = spacing.max(lengths.sum::<f64>() / MOST_POINTS);
         let points = curves.into_iter().flat_map(|ends| {
-            let [a, b] = ends.map(|v| self.target.vertices()[v as usize]);
+            let [a, b] = ends_of(ends);
             let length = (b - a).norm();
-            let count = (length / spacing).ceil().clamp(1.0, MOST_POINTS_OF_EDGE);
+            let count = (length / spacing).ceil().max(1.0);
             (0..count as usize).map(move |k| (a + (b - a) * ((k as f64 + 0.5) / count), length / count))
         });
         points.collect()

@@ -10,7 +10,7 @@ use super::bounded_mesh::BoundedMesh;
 use super::grid::{GridQuad, HexGrid};
 use crate::Vector;
 use crate::mesh::topology::DisjointSets;
-use crate::mesh::{CellList, sorted};
+use crate::mesh::{CellList, HEX_FACES, sorted};
 
 /// The grid with one more hexahedron below each of its boundary quads.
 pub(super) fn padded_everywhere(grid: HexGrid) -> BoundedMesh {
@@ -116,16 +116,6 @@ struct SheetedMesh {
 /// The hexahedra on both sides of each face, by its sorted corners.
 type HexesAtFaces = HashMap<[u32; 4], [Option<u32>; 2]>;
 
-/// Corners of the six faces of a hexahedron.
-const FACES: [[usize; 4]; 6] = [
-    [0, 3, 2, 1],
-    [4, 5, 6, 7],
-    [0, 1, 5, 4],
-    [1, 2, 6, 5],
-    [2, 3, 7, 6],
-    [3, 0, 4, 7],
-];
-
 impl SheetedMesh {
     fn of(grid: HexGrid) -> Self {
         let face_of = vec![0; grid.quads.len()];
@@ -139,12 +129,16 @@ impl SheetedMesh {
         let below = (0..quads.len()).filter(|&quad| is_padded(quad as u32));
         let mut sheet: Vec<SheetQuad> = below.map(|quad| SheetQuad::on_boundary(quads, quad)).collect();
         let left_of = left_of(quads);
-        let goes_on = |one: u32, other: u32| !is_padded(other) && is_reentrant(&self.grid, one, other);
+        let continues_inside = |one: u32, other: u32| !is_padded(other) && is_reentrant(&self.grid, one, other);
         let starts: Vec<(u32, [u32; 2])> = sheet
             .iter()
             .filter_map(|of_sheet| of_sheet.index)
             .flat_map(|quad| edges(quads[quad].nodes).map(|edge| (quad as u32, edge)))
-            .filter(|(quad, [a, b])| left_of.get(&[*b, *a]).is_some_and(|other| goes_on(*quad, *other)))
+            .filter(|(quad, [a, b])| {
+                left_of
+                    .get(&[*b, *a])
+                    .is_some_and(|other| continues_inside(*quad, *other))
+            })
             .collect();
         if starts.is_empty() {
             return Some(Sheet {
@@ -339,7 +333,7 @@ pub(super) fn is_reentrant(grid: &HexGrid, one: u32, other: u32) -> bool {
 fn hexes_at_faces(hexes: &[[u32; 8]]) -> HexesAtFaces {
     let mut at_faces = HexesAtFaces::new();
     for (hex, index) in hexes.iter().zip(0..) {
-        for face in FACES.map(|face| sorted(face.map(|k| hex[k]))) {
+        for face in HEX_FACES.map(|face| sorted(face.map(|k| hex[k]))) {
             let both = at_faces.entry(face).or_insert([None; 2]);
             *both = [Some(index), both[0]];
         }
@@ -355,7 +349,7 @@ fn beyond(at_faces: &HexesAtFaces, face: [u32; 4], hex: u32) -> Option<u32> {
 
 /// The face of a hexahedron that has this edge, other than the given one (by its sorted corners).
 fn face_at(hex: [u32; 8], edge: [u32; 2], given: [u32; 4]) -> Option<[u32; 4]> {
-    let faces = FACES.map(|face| face.map(|k| hex[k]));
+    let faces = HEX_FACES.map(|face| face.map(|k| hex[k]));
     let mut found = faces
         .into_iter()
         .filter(|face| edge.iter().all(|v| face.contains(v)) && sorted(*face) != given);

@@ -31,6 +31,9 @@ fn distances(
     spacing: f64,
     diagonal: f64,
 ) -> Result<SurfaceDistances, QueryError> {
+    /// Samples of a surface, about, where the spacing asks for more: a mesh may be squeezed into a small part of a target.
+    const MOST_SAMPLES: f64 = 5e5;
+    let spacing = spacing.max((from.area() / MOST_SAMPLES).sqrt());
     let mut samples: Vec<(Point, f64)> = Vec::new();
     for t in 0..from.triangles().len() {
         sample(from.corners(t), spacing, &mut samples);
