@@ -20,6 +20,7 @@ criterion_group!(
     baseline::finite_elements,
     baseline::mean_values,
     boundary::sphere,
+    boundary::pair,
     fit::whole,
     fit::smooth,
     fit::factor,

@@ -71,6 +71,7 @@ mod tests {
     use nalgebra::Rotation3;
 
     use super::*;
+    use crate::intrinsic::correspondence_of_map;
     use crate::mesh::{SurfaceMesh, shapes, triangle_area};
     use crate::spherical::{Locator, SphericalEmbedding};
     use crate::{Point, Vector};
@@ -128,5 +129,37 @@ mod tests {
         let scaled = shapes::deformed(&other, |p| p * 30.0);
         let [plain, scaled] = [&other, &scaled].map(|to| defect_of_turn(&own, to, &turn));
         assert!((plain - scaled).abs() < 1e-6 * plain, "{plain} {scaled}");
+    }
+
+    /// A map with a part out of order: the vertices around one limb's tip all go to one point. Refined by eigenfunctions it has them in
+    /// their places again.
+    #[test]
+    fn a_part_of_a_map_that_is_out_of_order_is_set_right_by_eigenfunctions() {
+        let surface = star([1.0, 0.7, 0.5]);
+        let shape = IntrinsicShape::new(&surface, 60, &|| true).unwrap();
+        let tip = (0..surface.vertices().len())
+            .max_by(|&a, &b| {
+                let length = |v: usize| surface.vertices()[v].coords.norm();
+                length(a).total_cmp(&length(b))
+            })
+            .unwrap();
+        let position = |v: u32| surface.vertices()[v as usize];
+        let is_near = |v: u32| (position(v) - position(tip as u32)).norm() < 0.5;
+        let broken = |v: u32| if is_near(v) { tip as u32 } else { v };
+        let found = correspondence_of_map(&shape, &shape, broken, &|| true).unwrap();
+        let vertices = (0..surface.vertices().len() as u32).filter(|&v| is_near(v));
+        let error = |v: u32| found[v as usize].map_or(1.0, |(w, _)| (position(w) - position(v)).norm());
+        let (mut errors, mut before): (Vec<f64>, Vec<f64>) = vertices
+            .map(|v| (error(v), (position(v) - position(tip as u32)).norm()))
+            .unzip();
+        errors.sort_by(f64::total_cmp);
+        before.sort_by(f64::total_cmp);
+        let middle = errors.len() / 2;
+        assert!(
+            middle > 5 && errors[middle] < 0.3 * before[middle],
+            "{} of {}",
+            errors[middle],
+            before[middle]
+        );
     }
 }

@@ -214,7 +214,7 @@ pub fn correspondences(
     let refine = |candidate: Candidate| {
         let tips = |&[i, j]: &[usize; 2]| [domain.extremities[i].vertex, target.extremities[j].vertex];
         Some(Correspondence {
-            targets: refined(domain, target, &candidate.map, proceed)?,
+            targets: refined(domain, target, &candidate.map.images, proceed)?,
             extremities: candidate.pairs.iter().map(tips).collect(),
             defect: candidate.map.defect,
             coverage: candidate.map.coverage,
@@ -222,6 +222,24 @@ pub fn correspondences(
     };
     let refined: Option<Vec<Correspondence>> = found.into_par_iter().map(refine).collect();
     refined.unwrap_or_default()
+}
+
+/// The correspondence that a map between the surfaces becomes when it is refined by eigenfunctions, as [`correspondences`] are: for each
+/// vertex of the domain a vertex of the target and a weight. `image` is the vertex of the target that is nearest to the image of a vertex.
+/// Places where the map is distorted are smoothed out, and limbs stay where they are. `None` when the map does not determine it, or
+/// `proceed` says no.
+pub(crate) fn correspondence_of_map(
+    domain: &IntrinsicShape,
+    target: &IntrinsicShape,
+    image: impl Fn(u32) -> u32,
+    proceed: &(dyn Fn() -> bool + Sync),
+) -> Option<Vec<Option<(u32, f64)>>> {
+    let of_sample = |&sample: &u32| {
+        let vertex = domain.simplified.originals[sample as usize];
+        target.simplified.nearest(image(vertex))
+    };
+    let images: Vec<u32> = domain.simplified.samples.iter().map(of_sample).collect();
+    refined(domain, target, &images, proceed)
 }
 
 /// Maps between two shapes by their matched points.

@@ -4,7 +4,7 @@
 //! Trans. Graph. 38 (2019). The matrices are fitted to samples, as there.
 
 use super::IntrinsicShape;
-use super::functional_map::{MODES, SampledMap, fit, images_of_samples, mapped, nearest_vertices};
+use super::functional_map::{MODES, fit, images_of_samples, mapped, nearest_vertices};
 use super::spectral::descend;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -17,17 +17,17 @@ const TRUSTED: f64 = 0.05;
 const LEAST_WEIGHT: f64 = 0.01;
 
 /// For each vertex of the domain, before simplification, a vertex of the target and its weight in (0, 1]: how well the
-/// map back agrees there. `None` when `proceed` says no or the samples do not determine a map.
+/// map back agrees there. `images` are vertices of the target's simplified surface, one for each sample of the domain. `None` when `proceed` says no or the samples do not determine a map.
 pub(super) fn refined(
     domain: &IntrinsicShape,
     target: &IntrinsicShape,
-    map: &SampledMap,
+    images: &[u32],
     proceed: &(dyn Fn() -> bool + Sync),
 ) -> Option<Vec<Option<(u32, f64)>>> {
     let modes = MODES.min(domain.modes()).min(target.modes());
-    let matrix = fit(domain, target, &map.images, modes)?;
+    let matrix = fit(domain, target, images, modes)?;
     let back = images_of_samples(target, domain, &matrix.transpose());
-    let forward = zoomed(domain, target, &map.images, proceed)?;
+    let forward = zoomed(domain, target, images, proceed)?;
     let backward = zoomed(target, domain, &back, proceed)?;
     let queries = mapped(domain.all_rows(forward.nrows()), &forward);
     let there = nearest_vertices(&queries, target);

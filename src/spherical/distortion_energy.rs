@@ -56,8 +56,17 @@ pub(crate) trait Objective: Sync {
     /// The value; infinite when a triangle is inverted or flat (decided exactly), or anything is not finite.
     fn value(&self, x: &[Vector]) -> f64;
 
-    /// Derivatives of every triangle's energy in the tangent coordinates of `frames`.
-    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives>;
+    /// Replaces `elements` by the derivatives of every triangle's energy in the tangent coordinates of `frames`. For many triangles
+    /// they take much memory, which is used again from iteration to iteration.
+    fn write_elements(&self, x: &[Vector], frames: &[[Vector; 2]], elements: &mut Vec<ElementDerivatives>);
+
+    /// The same, in a list of their own.
+    #[cfg(test)]
+    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
+        let mut elements = Vec::new();
+        self.write_elements(x, frames, &mut elements);
+        elements
+    }
 }
 
 /// The second derivatives with respect to the two tangent coordinates of each corner.
@@ -102,27 +111,35 @@ impl Objective for DistortionEnergy<'_> {
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 
-    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
-        self.elements_of(x, frames, |triangle, weights, frames| triangle.element(weights, frames))
+    fn write_elements(&self, x: &[Vector], frames: &[[Vector; 2]], elements: &mut Vec<ElementDerivatives>) {
+        self.write_elements_of(x, frames, elements, |triangle, weights, frames| {
+            triangle.element(weights, frames)
+        });
     }
 }
 
 impl DistortionEnergy<'_> {
-    /// As [`Objective::elements`], with the terms alone that make the Hessians semidefinite without a projection: those of
+    /// As [`Objective::write_elements`], with the terms alone that make the Hessians semidefinite without a projection: those of
     /// the flat triangle, without the second derivatives of `d` and the curvature of the sphere. For an energy that is a
     /// small part of another.
-    pub(crate) fn convex_elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
-        self.elements_of(x, frames, |triangle, weights, frames| {
-            triangle.convex_element(weights, frames)
-        })
-    }
-
-    fn elements_of(
+    pub(crate) fn write_convex_elements(
         &self,
         x: &[Vector],
         frames: &[[Vector; 2]],
+        elements: &mut Vec<ElementDerivatives>,
+    ) {
+        self.write_elements_of(x, frames, elements, |triangle, weights, frames| {
+            triangle.convex_element(weights, frames)
+        });
+    }
+
+    fn write_elements_of(
+        &self,
+        x: &[Vector],
+        frames: &[[Vector; 2]],
+        elements: &mut Vec<ElementDerivatives>,
         element: impl Fn(&SphericalTriangle, EnergyWeights, &[[Vector; 2]; 3]) -> ElementDerivatives + Sync,
-    ) -> Vec<ElementDerivatives> {
+    ) {
         let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
             let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
             SphericalTriangle::new(shape, corners).map_or(ElementDerivatives::NOT_FINITE, |triangle| {
@@ -130,7 +147,7 @@ impl DistortionEnergy<'_> {
             })
         };
         let triangles = self.rest.triangles().par_iter().zip(self.rest.shapes());
-        triangles.map(of_triangle).collect()
+        triangles.map(of_triangle).collect_into_vec(elements);
     }
 }
 
@@ -236,13 +253,18 @@ impl<'a> SphericalTriangle<'a> {
         let by_d_twice = (by_z * q + weights.area / d) / (d * d);
         let share = self.shares();
         let [gq, gd] = self.gradients().map(|g| in_frames(&g, frames));
-        let hessian = SMatrix::from_fn(|i, j| {
-            let (m, n) = (i / 2, j / 2);
-            let metric = share[m][0] * share[n][0] + share[m][1] * share[n][1];
-            let cross = gq[i] * gd[j] + gd[i] * gq[j];
-            let metric = metric * frames[m][i % 2].dot(&frames[n][j % 2]);
-            area * (by_z * (metric - cross / d) + by_d_twice * gd[i] * gd[j])
-        });
+        let mut hessian = SMatrix::<f64, 6, 6>::zeros();
+        for i in 0..6 {
+            for j in 0..=i {
+                let (m, n) = (i / 2, j / 2);
+                let metric = share[m][0] * share[n][0] + share[m][1] * share[n][1];
+                let cross = gq[i] * gd[j] + gd[i] * gq[j];
+                let metric = metric * frames[m][i % 2].dot(&frames[n][j % 2]);
+                let entry = area * (by_z * (metric - cross / d) + by_d_twice * gd[i] * gd[j]);
+                hessian[(i, j)] = entry;
+                hessian[(j, i)] = entry;
+            }
+        }
         ElementDerivatives {
             gradient: std::array::from_fn(|i| area * (by_z * gq[i] + by_d * gd[i])),
             hessian,
@@ -409,7 +431,8 @@ mod tests {
                 rest: &rest,
                 weights: EnergyWeights { angle, area },
             };
-            let convex = energy.convex_elements(&x, &frames);
+            let mut convex = Vec::new();
+            energy.write_convex_elements(&x, &frames, &mut convex);
             for (convex, exact) in convex.iter().zip(energy.elements(&x, &frames)) {
                 assert_eq!(convex.gradient, exact.gradient);
                 assert!(convex.hessian.symmetric_eigenvalues().min() > -1e-12 * convex.hessian.norm());

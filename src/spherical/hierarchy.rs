@@ -81,6 +81,15 @@ impl Hierarchy {
         }
     }
 
+    /// The vertices that are inserted first, at least so many of them if there are as many.
+    pub fn coarsest(&self, count: usize) -> Vec<u32> {
+        let mut base: Vec<u32> = self.base.iter().flatten().copied().collect();
+        base.sort_unstable();
+        base.dedup();
+        let others = self.removed.iter().rev().take(count);
+        base.into_iter().chain(others.copied()).collect()
+    }
+
     /// The levels, coarsest first, each as its vertices in the order of insertion.
     pub fn refinements(&self) -> impl Iterator<Item = impl Iterator<Item = Insertion<'_>>> {
         let levels = self.levels.windows(2).rev();

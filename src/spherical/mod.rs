@@ -29,7 +29,7 @@ pub use locate::Locator;
 pub use map_to_sphere::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
 pub(crate) use moebius::Moebius;
 pub(crate) use newton::{Newton, NewtonOptions};
-pub(crate) use progressive::PartialEmbedding;
+pub(crate) use progressive::{InsertedMesh, PartialEmbedding};
 pub(crate) use relax::{Relaxation, RelaxationStar, better_place};
 pub(crate) use rest_shape::{RestShape, RestShapes};
 pub(crate) use ring_kernel::{det, point_in_kernel, positive_det};

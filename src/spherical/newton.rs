@@ -68,6 +68,9 @@ pub(crate) struct Newton {
     /// Where the diagonal block of each free vertex is.
     diagonal: Vec<Block>,
     values: Vec<f64>,
+    /// Memory that is used again in every iteration: of the shifted values, and of the triangles' derivatives.
+    shifted: Vec<f64>,
+    elements: Vec<ElementDerivatives>,
     cholesky: Cholesky,
 }
 
@@ -125,6 +128,8 @@ impl Newton {
             scatter,
             diagonal,
             values,
+            shifted: Vec::new(),
+            elements: Vec::new(),
             cholesky,
         })
     }
@@ -197,9 +202,9 @@ impl Newton {
     fn assemble(&mut self, energy: &impl Objective, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<f64> {
         let mut gradient = vec![0.0; 2 * self.free.len()];
         self.values.fill(0.0);
-        let elements = energy.elements(x, frames);
+        energy.write_elements(x, frames, &mut self.elements);
         // In the order of the triangles, so that the sums are the same for any number of threads.
-        for ((triangle, blocks), element) in self.triangles.iter().zip(&self.scatter).zip(&elements) {
+        for ((triangle, blocks), element) in self.triangles.iter().zip(&self.scatter).zip(&self.elements) {
             for (c, &v) in triangle.iter().enumerate() {
                 let i = self.free_index[v as usize];
                 if i != FIXED {
@@ -241,12 +246,12 @@ impl Newton {
 
     /// The solution of the shifted system, unless it is not positive definite.
     fn direction(&mut self, gradient: &[f64], shift: f64) -> Option<Vec<f64>> {
-        let mut values = self.values.clone();
+        self.shifted.clone_from(&self.values);
         for &[first, second] in &self.diagonal {
-            values[first as usize] *= 1.0 + shift;
-            values[second as usize] *= 1.0 + shift;
+            self.shifted[first as usize] *= 1.0 + shift;
+            self.shifted[second as usize] *= 1.0 + shift;
         }
-        if !self.cholesky.factor(&values) {
+        if !self.cholesky.factor(&self.shifted) {
             return None;
         }
         let mut direction: Vec<f64> = gradient.iter().map(|g| -g).collect();

@@ -25,7 +25,43 @@ pub(crate) struct PartialEmbedding {
     levels: usize,
 }
 
+/// The inserted part of an embedding, with its vertices numbered without gaps.
+#[derive(Debug, Clone)]
+pub(crate) struct InsertedMesh {
+    /// The inserted vertices, ascending.
+    pub vertices: Vec<u32>,
+    /// Corners are places in `vertices`; in the order of [`VertexRings::triangles`].
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl InsertedMesh {
+    /// The vertices of each triangle.
+    pub fn corners(&self) -> impl Iterator<Item = [u32; 3]> {
+        self.triangles.iter().map(|t| t.map(|i| self.vertices[i as usize]))
+    }
+
+    /// What the vertices have in a list of all.
+    pub fn of<T: Copy>(&self, all: &[T]) -> Vec<T> {
+        self.vertices.iter().map(|&v| all[v as usize]).collect()
+    }
+}
+
 impl PartialEmbedding {
+    /// The inserted vertices and the triangles between them.
+    pub fn inserted_mesh(&self) -> InsertedMesh {
+        let mut vertices = self.inserted.clone();
+        vertices.sort_unstable();
+        let mut place = vec![0; self.directions.len()];
+        for (i, &v) in vertices.iter().enumerate() {
+            place[v as usize] = i as u32;
+        }
+        let triangles = self.rings.triangles().into_iter();
+        InsertedMesh {
+            triangles: triangles.map(|t| t.map(|v| place[v as usize])).collect(),
+            vertices,
+        }
+    }
+
     /// Inserts vertices, level by level, until there are at least `enough`. After each level `improve` may move
     /// vertices, keeping all triangles positive.
     ///
@@ -127,6 +163,11 @@ mod tests {
             let hierarchy = Hierarchy::new(mesh.vertices(), mesh.triangles(), &[]).unwrap();
             let mut embedding = PartialEmbedding::of_base(&hierarchy, |_| None);
             let completed = embedding.refine(&hierarchy, usize::MAX, |embedding| {
+                let inserted = embedding.inserted_mesh();
+                assert!(inserted.corners().eq(embedding.rings.triangles()));
+                assert!(inserted.vertices.is_sorted() && inserted.vertices.len() == embedding.inserted.len());
+                let first = hierarchy.coarsest(embedding.inserted.len());
+                assert!(embedding.inserted.iter().all(|v| first.contains(v)));
                 let check = check_embedding(&embedding.rings.triangles(), &embedding.directions);
                 assert!(check.is_bijective(), "{check:?}");
             });

@@ -123,40 +123,146 @@ impl<const N: usize> BentImage<N> {
 }
 
 /// Adds the derivatives of [`straight_energy`] by `N` coordinates, from those of the corners.
-pub(super) fn add_straight<const N: usize>(
-    [y, a, b]: [&Point; 3],
+fn add_straight<const N: usize>(
+    points: [&Point; 3],
     chains: [&SMatrix<f64, 3, N>; 3],
     triangle: &DomainTriangle,
     gradient: &mut SVector<f64, N>,
     hessian: &mut SMatrix<f64, N, N>,
 ) {
-    let DomainTriangle {
-        rest, reference_area, ..
-    } = triangle;
-    let [cy, ca, cb] = rest.cotangents;
-    let (s, c, normal) = jacobian_invariants(y, a, b, triangle);
-    let ds = [
-        ca * (y - b) + cb * (y - a),
-        cb * (a - y) + cy * (a - b),
-        cy * (b - a) + ca * (b - y),
-    ];
-    let dc = [b - a, y - b, a - y].map(|v| normal.cross(&v) / (2.0 * reference_area));
-    let (mut gs, mut gc, mut metric) = (SVector::<f64, N>::zeros(), SVector::<f64, N>::zeros(), SMatrix::zeros());
+    let slopes = InvariantSlopes::new(points, triangle);
+    let (mut by_s, mut by_c, mut metric) = (SVector::zeros(), SVector::zeros(), SMatrix::zeros());
     for (k, chain) in chains.iter().enumerate() {
-        gs += chain.tr_mul(&(ds[k] / *reference_area));
-        gc += chain.tr_mul(&dc[k]);
+        by_s += chain.tr_mul(&slopes.by_s[k]);
+        by_c += chain.tr_mul(&slopes.by_c[k]);
         let side = chains[(k + 1) % 3] - chains[(k + 2) % 3];
-        metric += side.tr_mul(&side) * (rest.cotangents[k] / reference_area);
+        metric += side.tr_mul(&side) * slopes.cotangents[k];
     }
-    let (c2, c3) = (c * c, c * c * c);
-    let w = 0.25 * rest.area;
-    // The second derivatives of c are left out, and the mixed term is bounded so that the rest is semidefinite: s is half a
-    // quadratic form, so that its second derivatives are at least gs gsᵀ / 2s, and what is left is a form in two
-    // variables. The bound takes effect where c² < 1/3, and changes the term by less than a seventh.
-    let mixed = (2.0 / c3).min((3.0 * (1.0 + 1.0 / c2)).sqrt() / c2);
-    let cross = gs * gc.transpose();
-    *gradient += (gs * (1.0 + 1.0 / c2) - gc * (2.0 * s / c3)) * w;
-    *hessian += (metric * (1.0 + 1.0 / c2) - (cross + cross.transpose()) * mixed
-        + gc * gc.transpose() * (6.0 * s / (c2 * c2)))
-        * w;
+    slopes.add(&by_s, &by_c, &metric, gradient, hessian);
+}
+
+/// The same by two coordinates of each corner, which move that corner alone.
+pub(super) fn add_straight_of_corners(
+    points: [&Point; 3],
+    chains: [&[Vector; 2]; 3],
+    triangle: &DomainTriangle,
+    gradient: &mut SVector<f64, 6>,
+    hessian: &mut SMatrix<f64, 6, 6>,
+) {
+    let slopes = InvariantSlopes::new(points, triangle);
+    let by = |slopes: &[Vector; 3]| SVector::from_fn(|i, _| slopes[i / 2].dot(&chains[i / 2][i % 2]));
+    let (by_s, by_c) = (by(&slopes.by_s), by(&slopes.by_c));
+    let cotangents = slopes.cotangents;
+    let mut metric = SMatrix::<f64, 6, 6>::zeros();
+    for i in 0..6 {
+        for j in 0..=i {
+            let (m, n) = (i / 2, j / 2);
+            let weight = match m == n {
+                true => cotangents[(m + 1) % 3] + cotangents[(m + 2) % 3],
+                false => -cotangents[3 - m - n],
+            };
+            let entry = weight * chains[m][i % 2].dot(&chains[n][j % 2]);
+            metric[(i, j)] = entry;
+            metric[(j, i)] = entry;
+        }
+    }
+    slopes.add(&by_s, &by_c, &metric, gradient, hessian);
+}
+
+/// The derivatives of the squared norm `s` of the Jacobian and of its determinant `c` by the corners of the image.
+struct InvariantSlopes {
+    s: f64,
+    c: f64,
+    /// Area of the triangle, over 4.
+    weight: f64,
+    by_s: [Vector; 3],
+    by_c: [Vector; 3],
+    /// The second derivatives of `s` are those of the squared sides opposite to the corners, times these.
+    cotangents: [f64; 3],
+}
+
+impl InvariantSlopes {
+    fn new([y, a, b]: [&Point; 3], triangle: &DomainTriangle) -> Self {
+        let reference_area = triangle.reference_area;
+        let [cy, ca, cb] = triangle.rest.cotangents;
+        let (s, c, normal) = jacobian_invariants(y, a, b, triangle);
+        let by_s = [
+            ca * (y - b) + cb * (y - a),
+            cb * (a - y) + cy * (a - b),
+            cy * (b - a) + ca * (b - y),
+        ];
+        Self {
+            s,
+            c,
+            weight: 0.25 * triangle.rest.area,
+            by_s: by_s.map(|v| v / reference_area),
+            by_c: [b - a, y - b, a - y].map(|v| normal.cross(&v) / (2.0 * reference_area)),
+            cotangents: triangle.rest.cotangents.map(|cotangent| cotangent / reference_area),
+        }
+    }
+
+    /// Adds the derivatives of the energy by `N` coordinates, from those of `s` and `c`, and the second ones of `s`.
+    fn add<const N: usize>(
+        &self,
+        by_s: &SVector<f64, N>,
+        by_c: &SVector<f64, N>,
+        metric: &SMatrix<f64, N, N>,
+        gradient: &mut SVector<f64, N>,
+        hessian: &mut SMatrix<f64, N, N>,
+    ) {
+        let &Self { s, c, weight, .. } = self;
+        let (c2, c3) = (c * c, c * c * c);
+        // The second derivatives of c are left out, and the mixed term is bounded so that the rest is semidefinite: s is half a
+        // quadratic form, so that its second derivatives are at least gs gsᵀ / 2s, and what is left is a form in two
+        // variables. The bound takes effect where c² < 1/3, and changes the term by less than a seventh.
+        let mixed = (2.0 / c3).min((3.0 * (1.0 + 1.0 / c2)).sqrt() / c2);
+        let cross = by_s * by_c.transpose();
+        *gradient += (by_s * (1.0 + 1.0 / c2) - by_c * (2.0 * s / c3)) * weight;
+        *hessian += (metric * (1.0 + 1.0 / c2) - (cross + cross.transpose()) * mixed
+            + by_c * by_c.transpose() * (6.0 * s / (c2 * c2)))
+            * weight;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+    use crate::spherical::RestShape;
+
+    #[test]
+    fn derivatives_by_corners_of_their_own_are_those_by_all_coordinates() {
+        let mut random = StdRng::seed_from_u64(7);
+        let mut vector = || Vector::from_fn(|_, _| random.random_range(-1.0..1.0));
+        for _ in 0..50 {
+            let corners: [Point; 3] = std::array::from_fn(|_| vector().into());
+            let image: [Point; 3] = std::array::from_fn(|_| vector().into());
+            let chains: [[Vector; 2]; 3] = std::array::from_fn(|_| [vector(), vector()]);
+            let rest = RestShape::of_triangle(corners.each_ref(), 1.0);
+            let triangle = DomainTriangle {
+                rest,
+                reference_area: 0.7 * rest.area,
+                is_bent: false,
+            };
+            let in_columns: [SMatrix<f64, 3, 6>; 3] = std::array::from_fn(|k| {
+                let mut all = SMatrix::<f64, 3, 6>::zeros();
+                all.set_column(2 * k, &chains[k][0]);
+                all.set_column(2 * k + 1, &chains[k][1]);
+                all
+            });
+            let [mut expected, mut found] = [(SVector::zeros(), SMatrix::zeros()); 2];
+            let points = image.each_ref();
+            add_straight(
+                points,
+                in_columns.each_ref(),
+                &triangle,
+                &mut expected.0,
+                &mut expected.1,
+            );
+            add_straight_of_corners(points, chains.each_ref(), &triangle, &mut found.0, &mut found.1);
+            assert!((found.0 - expected.0).norm() < 1e-12 * expected.0.norm());
+            assert!((found.1 - expected.1).norm() < 1e-12 * expected.1.norm());
+        }
+    }
 }

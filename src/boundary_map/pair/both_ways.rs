@@ -91,6 +91,7 @@ impl PairMapping<'_> {
         };
         let improving = PairMapping {
             options: &options,
+            shapes: first.shapes.as_ref(),
             ..*self
         };
         let Some(improved) = some_or_cancelled(improving.by_soft_targets(None))? else {

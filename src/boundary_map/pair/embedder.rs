@@ -327,13 +327,24 @@ impl DomainEmbedder<'_> {
         }
     }
 
+    /// The share of the domain's area where triangles have more energy than counts when embeddings are compared.
+    pub fn share_out_of_order(&self, candidate: &EmbeddingCandidate) -> f64 {
+        self.measuring(&candidate.embedding)
+            .share_above(&candidate.embedding, MOST_COMPARED)
+    }
+
     /// The energy of an embedding of all vertices.
     pub fn energy_of(&self, embedding: &PartialEmbedding) -> f64 {
+        self.measuring(embedding).mean_energy(embedding, MOST_COMPARED)
+    }
+
+    /// The map of an embedding of all vertices, as it is measured.
+    fn measuring(&self, embedding: &PartialEmbedding) -> InterSurfaceMap<'_> {
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
         map.locate(embedding);
         map.finds_bent = true;
         map.find_protrusions(embedding);
-        map.mean_energy(embedding, MOST_COMPARED)
+        map
     }
 
     /// Lowers the distortion of the map of an embedding that has only been pulled to soft targets, so that it can be compared.
@@ -485,10 +496,12 @@ impl DomainEmbedder<'_> {
         for _ in 0..SWEEPS {
             map.sweep(embedding, &vertices, &is_fixed);
         }
-        let fixed: Vec<u32> = vertices.iter().copied().filter(|&v| is_fixed(v)).collect();
-        let triangles = embedding.rings.triangles();
-        let shapes = RestShapes::new(&triangles, self.domain.vertices());
-        let mut newton = Newton::new(&triangles, &fixed).ok();
+        let mesh = embedding.inserted_mesh();
+        let shapes = RestShapes::new(&mesh.triangles, &mesh.of(self.domain.vertices()));
+        let fixed: Vec<u32> = (0..mesh.vertices.len() as u32)
+            .filter(|&i| is_fixed(mesh.vertices[i as usize]))
+            .collect();
+        let mut newton = Newton::new(&mesh.triangles, &fixed).ok();
         for round in 0..limits.most_rounds {
             progress(round);
             if !self.reporter.should_improve() {
@@ -501,10 +514,16 @@ impl DomainEmbedder<'_> {
             let before = map.energy(embedding);
             self.relax_distorted(embedding, map, &is_fixed);
             if let Some(solver) = &mut newton {
-                let energy = InterSurfaceEnergy::new(map, &shapes);
+                let energy = InterSurfaceEnergy::new(map, &mesh, &shapes);
                 let should_continue = || self.reporter.should_improve();
-                match solver.minimise(&energy, &mut embedding.directions, &NEWTON, &should_continue) {
-                    Ok(_) => map.locate(embedding),
+                let mut directions = mesh.of(&embedding.directions);
+                match solver.minimise(&energy, &mut directions, &NEWTON, &should_continue) {
+                    Ok(_) => {
+                        for (&v, x) in mesh.vertices.iter().zip(directions) {
+                            embedding.directions[v as usize] = x;
+                        }
+                        map.locate(embedding);
+                    }
                     Err(_) => newton = None,
                 }
             }

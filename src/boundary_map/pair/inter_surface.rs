@@ -13,13 +13,15 @@ use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-use super::bent::{BentImage, add_straight, bent_energy, middles, moved_middles, pieces_energy, straight_energy};
+use super::bent::{
+    BentImage, add_straight_of_corners, bent_energy, middles, moved_middles, pieces_energy, straight_energy,
+};
 use super::star::{StarTriangle, VertexStar};
 use crate::geometry::morton_order;
 use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::{
-    DistortionEnergy, ElementDerivatives, EnergyWeights, Locator, Objective, PartialEmbedding, RestShape, RestShapes,
-    SphericalEmbedding, det,
+    DistortionEnergy, ElementDerivatives, EnergyWeights, InsertedMesh, Locator, Objective, PartialEmbedding, RestShape,
+    RestShapes, SphericalEmbedding, det,
 };
 use crate::{Matrix3, Point, Vector};
 
@@ -151,6 +153,10 @@ impl<'a> InverseEmbedding<'a> {
         (corners, place.barycentric)
     }
 
+    pub fn target(&self) -> &SphericalEmbedding {
+        self.target
+    }
+
     /// Diagonal of the target.
     pub fn diagonal(&self) -> f64 {
         self.target.surface().diagonal()
@@ -208,16 +214,11 @@ impl<'a> InterSurfaceMap<'a> {
     /// Finds the triangles that cover protrusions of the target. To be called before vertices are moved.
     pub fn find_protrusions(&mut self, embedding: &PartialEmbedding) {
         self.protrusions.clear();
-        let triangles = embedding.rings.triangles();
-        let mut index = vec![0; embedding.directions.len()];
-        for (i, &v) in embedding.inserted.iter().enumerate() {
-            index[v as usize] = i as u32;
-        }
-        let inserted = embedding.inserted.iter();
-        let directions: Vec<Vector> = inserted.map(|&v| embedding.directions[v as usize]).collect();
+        let mesh = embedding.inserted_mesh();
+        let triangles: Vec<[u32; 3]> = mesh.corners().collect();
+        let directions = mesh.of(&embedding.directions);
         let points = directions.iter().map(|x| Point::from(*x)).collect();
-        let indexed = triangles.iter().map(|t| t.map(|v| index[v as usize])).collect();
-        let surface = SurfaceMesh::new(points, indexed).expect("corners of triangles have been inserted");
+        let surface = SurfaceMesh::new(points, mesh.triangles).expect("corners of triangles have been inserted");
         let locator = Locator::of_directions(&surface, &directions);
         // Coarse embeddings are many, and need fewer samples.
         let stride = (self.inverse.samples.len() / (SAMPLES_PER_TRIANGLE * triangles.len())).max(1);
@@ -391,6 +392,33 @@ impl<'a> InterSurfaceMap<'a> {
 
     /// The same, but that no triangle counts with more than `most` times the energy of an isometry.
     pub fn mean_energy(&self, embedding: &PartialEmbedding, most: f64) -> f64 {
+        let values = self.areas_and_energies(embedding);
+        let mut sum = [0.0; 2];
+        for (area, energy) in values {
+            sum[0] += area;
+            // Also where the image has no area, and the energy is not defined.
+            sum[1] += if energy <= most * area { energy } else { most * area };
+        }
+        for (&v, spring) in &self.springs {
+            sum[1] += spring.energy(&embedding.directions[v as usize]);
+        }
+        let mean = sum[1] / sum[0];
+        if mean.is_nan() { f64::INFINITY } else { mean }
+    }
+
+    /// The share of the domain's area whose triangles have more than `limit` times the energy of an isometry.
+    pub fn share_above(&self, embedding: &PartialEmbedding, limit: f64) -> f64 {
+        let (mut above, mut total) = (0.0, 0.0);
+        for (area, energy) in self.areas_and_energies(embedding) {
+            total += area;
+            // Also where it is not defined.
+            above += if energy <= limit * area { 0.0 } else { area };
+        }
+        above / total
+    }
+
+    /// The area of every triangle and its energy, in which an isometry has its area.
+    fn areas_and_energies(&self, embedding: &PartialEmbedding) -> Vec<(f64, f64)> {
         let of_triangle = |t: &[u32; 3]| {
             let triangle = self.domain_triangle(*t);
             let images = t.map(|v| &self.images[v as usize]);
@@ -401,23 +429,14 @@ impl<'a> InterSurfaceMap<'a> {
                 }
                 false => straight_energy(images.map(|image| &image.point), &triangle),
             };
-            let area = triangle.rest.area;
-            // Also where the image has no area, and the energy is not defined.
-            (area, if energy <= most * area { energy } else { most * area })
+            (triangle.rest.area, energy)
         };
         let triangles = embedding.rings.triangles();
-        let triangles = triangles.par_iter().with_min_len(LEAST_SWEPT);
-        let values: Vec<(f64, f64)> = triangles.map(of_triangle).collect();
-        let mut sum = [0.0; 2];
-        for (area, energy) in values {
-            sum[0] += area;
-            sum[1] += energy;
-        }
-        for (&v, spring) in &self.springs {
-            sum[1] += spring.energy(&embedding.directions[v as usize]);
-        }
-        let mean = sum[1] / sum[0];
-        if mean.is_nan() { f64::INFINITY } else { mean }
+        triangles
+            .par_iter()
+            .with_min_len(LEAST_SWEPT)
+            .map(of_triangle)
+            .collect()
     }
 }
 
@@ -435,7 +454,7 @@ pub(super) fn jacobian_invariants(y: &Point, a: &Point, b: &Point, triangle: &Do
     (s, area / (2.0 * triangle.reference_area), cross / area)
 }
 
-/// The energy as a function of all directions, for Newton's method.
+/// The energy as a function of the directions of all inserted vertices, for Newton's method.
 pub(crate) struct InterSurfaceEnergy<'a> {
     inverse: &'a InverseEmbedding<'a>,
     domain_triangles: Vec<DomainTriangle>,
@@ -449,15 +468,17 @@ pub(crate) struct InterSurfaceEnergy<'a> {
 }
 
 impl<'a> InterSurfaceEnergy<'a> {
-    pub fn new(map: &InterSurfaceMap<'a>, shapes: &'a RestShapes) -> Self {
+    /// Over the inserted vertices alone, whose triangles have these shapes.
+    pub fn new(map: &InterSurfaceMap<'a>, mesh: &InsertedMesh, shapes: &'a RestShapes) -> Self {
         let hint = |v: u32| AtomicU32::new(map.images[v as usize].triangle);
+        let triangles: Vec<[u32; 3]> = mesh.corners().collect();
         Self {
             inverse: map.inverse,
-            domain_triangles: shapes.triangles().iter().map(|t| map.domain_triangle(*t)).collect(),
+            domain_triangles: triangles.iter().map(|t| map.domain_triangle(*t)).collect(),
             shapes,
-            springs: springs_of_corners(&map.springs, shapes.triangles()),
-            hints: map.images.iter().map(|image| AtomicU32::new(image.triangle)).collect(),
-            middle_hints: shapes.triangles().iter().map(|t| t.map(hint)).collect(),
+            springs: springs_of_corners(&map.springs, &triangles),
+            hints: mesh.vertices.iter().map(|&v| hint(v)).collect(),
+            middle_hints: triangles.iter().map(|t| t.map(hint)).collect(),
         }
     }
 
@@ -473,9 +494,6 @@ impl<'a> InterSurfaceEnergy<'a> {
 
     fn images(&self, x: &[Vector]) -> Vec<VertexImage> {
         let of_vertex = |(x, hint): (&Vector, &AtomicU32)| {
-            if *x == Vector::zeros() {
-                return VertexImage::default();
-            }
             let image = self.inverse.image(x, hint.load(Relaxed));
             hint.store(image.triangle, Relaxed);
             image
@@ -524,18 +542,14 @@ impl Objective for InterSurfaceEnergy<'_> {
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 
-    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
+    fn write_elements(&self, x: &[Vector], frames: &[[Vector; 2]], elements: &mut Vec<ElementDerivatives>) {
         let images = self.images(x);
         let chain = |v: usize| {
-            let derivative = if x[v] == Vector::zeros() {
-                Matrix3::zeros()
-            } else {
-                self.inverse.derivative(&x[v], &images[v])
-            };
+            let derivative = self.inverse.derivative(&x[v], &images[v]);
             frames[v].map(|tangent| derivative * tangent)
         };
         let chains: Vec<[Vector; 2]> = (0..x.len()).into_par_iter().map(chain).collect();
-        let mut elements = self.barrier().convex_elements(x, frames);
+        self.barrier().write_convex_elements(x, frames, elements);
         let triangles = self
             .triangles()
             .par_iter()
@@ -548,8 +562,9 @@ impl Objective for InterSurfaceEnergy<'_> {
                 let corners = t.map(|v| v as usize);
                 let mut gradient = SVector::zeros();
                 let points = corners.map(|v| &images[v].point);
-                let chains = [0, 1, 2].map(|k| in_columns(k, &chains[corners[k]]));
+                let chains = corners.map(|v| &chains[v]);
                 if triangle.is_bent {
+                    let chains = [0, 1, 2].map(|k| in_columns(k, chains[k]));
                     let moves = [0, 1, 2].map(|k| in_columns(k, &frames[corners[k]]));
                     let hints = hints.each_ref().map(|hint| hint.load(Relaxed));
                     let middles = moved_middles(self.inverse, corners.map(|v| &x[v]), hints, &moves);
@@ -557,8 +572,7 @@ impl Objective for InterSurfaceEnergy<'_> {
                     gradient = first;
                     element.hessian += second;
                 } else {
-                    let [a, b, c] = &chains;
-                    add_straight(points, [a, b, c], triangle, &mut gradient, &mut element.hessian);
+                    add_straight_of_corners(points, chains, triangle, &mut gradient, &mut element.hessian);
                 }
                 element
                     .gradient
@@ -575,7 +589,6 @@ impl Objective for InterSurfaceEnergy<'_> {
                 elements[t].hessian[(i, i)] += 2.0 * weight * x[v].dot(&to).max(0.0);
             }
         }
-        elements
     }
 }
 
@@ -652,9 +665,11 @@ mod tests {
             }
             assert_eq!(map.has_protrusions(), with_protrusions);
             assert_eq!(!map.bent.is_empty(), with_bent);
-            let triangles = embedding.rings.triangles();
-            let shapes = RestShapes::new(&triangles, domain.vertices());
-            let energy = InterSurfaceEnergy::new(&map, &shapes);
+            // All vertices are inserted: places are vertices.
+            let mesh = embedding.inserted_mesh();
+            let triangles = &mesh.triangles;
+            let shapes = RestShapes::new(triangles, domain.vertices());
+            let energy = InterSurfaceEnergy::new(&map, &mesh, &shapes);
             let x = embedding.directions.clone();
             let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
             let mut gradient = vec![[0.0; 2]; x.len()];
@@ -696,14 +711,14 @@ mod tests {
             map.finds_bent = finds_bent;
             map.find_protrusions(&embedding);
             assert_eq!(!map.bent.is_empty(), finds_bent);
-            let triangles = embedding.rings.triangles();
-            let shapes = RestShapes::new(&triangles, domain.vertices());
+            let mesh = embedding.inserted_mesh();
+            let shapes = RestShapes::new(&mesh.triangles, domain.vertices());
             let vertices = embedding.inserted.clone();
-            let start = InterSurfaceEnergy::new(&map, &shapes).value(&embedding.directions);
+            let start = InterSurfaceEnergy::new(&map, &mesh, &shapes).value(&embedding.directions);
             let mut last = start;
             for _ in 0..10 {
                 map.sweep(&mut embedding, &vertices, &|v| v == 7);
-                let value = InterSurfaceEnergy::new(&map, &shapes).value(&embedding.directions);
+                let value = InterSurfaceEnergy::new(&map, &mesh, &shapes).value(&embedding.directions);
                 assert!(value <= last * (1.0 + 1e-14), "{value} {last}");
                 last = value;
             }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::geometry::{Aabb, Bvh, closest_point_on_triangle};
+use crate::geometry::{Aabb, Bvh, TrianglePoint, closest_point_on_triangle, morton_order};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::{Point, Vector};
 
@@ -18,6 +18,9 @@ pub struct OrientedQuery {
     /// Normals at these corners.
     normals: Vec<[Vector; 3]>,
 }
+
+/// Points that are found one after the other.
+const CHUNK: usize = 128;
 
 /// The point of a surface closest in position and normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,7 +67,12 @@ impl OrientedQuery {
         let mut best = self.on_triangle(hint.map_or(0, |found| found.slot), p, normal, beta);
         self.bvh.visit_nearest(p, best.distance_squared, |slots, _| {
             for slot in slots {
-                let here = self.on_triangle(slot as u32, p, normal, beta);
+                let nearest = closest_point_on_triangle(p, &self.corners[slot]);
+                // The distance in space is a part of it.
+                if nearest.offset.norm_squared() > best.distance_squared {
+                    continue;
+                }
+                let here = self.at(slot as u32, &nearest, normal, beta);
                 let lower = || self.bvh.order()[slot] < self.bvh.order()[best.slot as usize];
                 if here.distance_squared < best.distance_squared
                     || (here.distance_squared == best.distance_squared && lower())
@@ -77,10 +85,24 @@ impl OrientedQuery {
         best
     }
 
-    /// [`Self::closest`] of every point with its normal, in parallel; `hints` is empty, or has one point for each.
-    pub fn closest_of_all(&self, points: &[(Point, Vector)], beta: f64, hints: &[OrientedPoint]) -> Vec<OrientedPoint> {
-        let closest = |(i, (p, n)): (usize, &(Point, Vector))| self.closest(p, n, beta, hints.get(i));
-        points.par_iter().enumerate().map(closest).collect()
+    /// [`Self::closest`] of every point with its normal, in parallel.
+    pub fn closest_of_all(&self, points: &[(Point, Vector)], beta: f64) -> Vec<OrientedPoint> {
+        let positions: Vec<Point> = points.iter().map(|(p, _)| *p).collect();
+        let order = morton_order(&positions);
+        // Each point is found from the one before it, which is near.
+        let of_chunk = |chunk: &[u32]| {
+            let mut hint = None;
+            let mut of_next = |&i: &u32| {
+                let (p, n) = &points[i as usize];
+                let found = self.closest(p, n, beta, hint.as_ref());
+                hint = Some(found);
+                (i, found)
+            };
+            chunk.iter().map(&mut of_next).collect::<Vec<_>>()
+        };
+        let mut found: Vec<(u32, OrientedPoint)> = order.par_chunks(CHUNK).flat_map_iter(of_chunk).collect();
+        found.sort_unstable_by_key(|(i, _)| *i);
+        found.into_iter().map(|(_, found)| found).collect()
     }
 
     /// Unit normal of the triangle that a point was found on; zero for a triangle without area.
@@ -90,8 +112,13 @@ impl OrientedQuery {
     }
 
     fn on_triangle(&self, slot: u32, p: &Point, normal: &Vector, beta: f64) -> OrientedPoint {
+        let nearest = closest_point_on_triangle(p, &self.corners[slot as usize]);
+        self.at(slot, &nearest, normal, beta)
+    }
+
+    /// A triangle's point that is nearest in space.
+    fn at(&self, slot: u32, closest: &TrianglePoint, normal: &Vector, beta: f64) -> OrientedPoint {
         let corners = &self.corners[slot as usize];
-        let closest = closest_point_on_triangle(p, corners);
         let [u, v, w] = closest.barycentric;
         let [a, b, c] = &self.normals[slot as usize];
         let here = unit_or_zero(&(a * u + b * v + c * w));
@@ -154,6 +181,18 @@ mod tests {
             let place = found.place.position(&surface, surface.vertices());
             assert!((place - found.point).norm() < 1e-15);
         }
+    }
+
+    #[test]
+    fn points_together_are_found_as_one_by_one() {
+        let surface = shapes::bumpy_sphere(6);
+        let query = OrientedQuery::new(&surface, &vertex_normals(&surface)).unwrap();
+        let mut random = StdRng::seed_from_u64(5);
+        let mut vector = || Vector::from_fn(|_, _| random.random_range(-1.5..1.5));
+        let points: Vec<(Point, Vector)> = (0..500).map(|_| (vector().into(), vector().normalize())).collect();
+        let alone = points.iter().map(|(p, n)| query.closest(p, n, 0.4, None));
+        assert_eq!(query.closest_of_all(&points, 0.4), alone.collect::<Vec<_>>());
+        assert_eq!(query.closest_of_all(&[], 0.4), vec![]);
     }
 
     #[test]

@@ -254,6 +254,8 @@ pub enum PairStartKind {
     Intrinsic,
     /// The same, with strong pulls at the extremities.
     Extremities,
+    /// A map that was found first, of which a part was out of order, refined by eigenfunctions.
+    Refined,
     /// The boundary map that was given.
     Given,
     /// No soft targets: another class of maps between solids of genus 1.
@@ -290,9 +292,9 @@ pub struct PairAlternative {
 /// Wall time of [`map_pair`] by phase, in seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct PairTimings {
-    /// Maps to the sphere, or to flat tori.
+    /// Maps to the sphere, with the alignments and intrinsic shapes that are found beside them, or to flat tori.
     pub sphere: f64,
-    /// Alignments and soft targets.
+    /// Soft targets.
     pub align: f64,
     /// Coarse embeddings.
     pub coarse: f64,

@@ -63,6 +63,12 @@ impl Schedules {
             of_best: vec![],
         }
     }
+
+    /// The most vertices that an embedding has while soft targets pull.
+    pub fn most_pulled(&self) -> usize {
+        let all = self.of_all.iter().chain(&self.of_best);
+        all.map(|schedule| schedule.until_vertices).max().unwrap_or(0)
+    }
 }
 
 /// Starts that more schedules are tried with.

@@ -66,6 +66,9 @@ const STEPS: [SearchStep; 4] = [
 const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
 /// Another map is completed, too, when its rating with 4000 vertices is at most this times the least: then the better one is taken.
 const AS_GOOD_COARSE: f64 = 1.15;
+/// Share of the area that is distorted beyond measure from which on a part of a map is out of order: maps in order have up to 0.3 %, and a
+/// strip along a leg that covers most of it makes 1 %.
+const MOST_OUT_OF_ORDER: f64 = 0.005;
 /// A warning says that an alternative is as good when its rating is at most this times that of the map that was taken.
 const AS_GOOD: f64 = 1.03;
 
@@ -82,26 +85,30 @@ pub(super) struct SoftTargetMaps {
 impl PairMapping<'_> {
     /// `None` where no coarse embedding is rated below `most_rating`, if that is given: then none is completed.
     pub(super) fn by_soft_targets(&self, most_rating: Option<f64>) -> Result<Option<SoftTargetMaps>, PairError> {
-        let target = self.target_embedding()?;
+        // Each uses one core for much of its time.
+        let (target, matches) = rayon::join(|| self.target_embedding(), || self.shape_matches());
+        let (target, matches) = (target?, matches?);
         let locator = Locator::new(&target);
         let inverse = InverseEmbedding::new(&target, &locator);
         let sphere = self.elapsed();
 
+        let embedder = self.embedder(&target, &inverse)?;
+        let (schedules, steps) = self.schedules(&embedder);
+        let pulled = embedder.hierarchy.coarsest(schedules.most_pulled());
         self.report(PairPhase::Aligning { done: 0, of: 0 })?;
         let Starts {
-            all: starts,
+            all: mut starts,
             mut warnings,
             shapes,
             closest,
-        } = self.starts(&target)?;
+        } = self.starts(matches, &target, &pulled);
         let align = self.elapsed();
 
         let embedder = DomainEmbedder {
             shapes: shapes.as_ref(),
-            ..self.embedder(&target, &inverse)?
+            ..embedder
         };
         let soft_targets: Vec<&SoftTargets> = starts.iter().map(|start| &start.soft_targets).collect();
-        let (schedules, steps) = self.schedules(&embedder);
         self.report(PairPhase::CoarseEmbeddings {
             vertices: steps[0].vertices,
             done: 0,
@@ -129,7 +136,10 @@ impl PairMapping<'_> {
             return Ok(None);
         }
         let completed = match self.options.improve {
-            true => Some(self.completed_best(&embedder, &mut ranked, &starts)?),
+            true => {
+                let best = self.completed_best(&embedder, &mut ranked, &starts)?;
+                Some(self.in_order(&embedder, best, &mut ranked, &mut starts, &schedules, &steps)?)
+            }
             false => None,
         };
         let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
@@ -138,7 +148,7 @@ impl PairMapping<'_> {
         let before = match is_given {
             true => best.candidate.clone(),
             false => embedder
-                .by_soft_targets_alone(&start.soft_targets, &best.schedule)
+                .by_soft_targets_alone(&start.all_soft_targets(&target), &best.schedule)
                 .ok_or(TOO_FINE)?,
         };
         let after = completed.unwrap_or_else(|| before.clone());
@@ -223,13 +233,13 @@ impl PairMapping<'_> {
 
     /// The embedding of the map that is started from, if that was composed with the embedding of the target that is used here.
     fn given_embedding(&self, embedder: &DomainEmbedder, starts: &[Start]) -> Option<EmbeddingCandidate> {
-        let [Start { kind, soft_targets }] = starts else {
+        let [start] = starts else {
             return None;
         };
-        if *kind != PairStartKind::Given {
+        if start.kind != PairStartKind::Given {
             return None;
         }
-        let directions = bijective_targets(self.domain, soft_targets)?;
+        let directions = bijective_targets(self.domain, &start.soft_targets)?;
         let mut candidate = embedder.candidate_at(&directions);
         candidate.energy = embedder.energy_of(&candidate.embedding);
         Some(candidate)
@@ -267,7 +277,10 @@ impl PairMapping<'_> {
         starts: &[Start],
     ) -> Result<EmbeddingCandidate, PairError> {
         let completed = |ranked: &RankedEmbedding| self.completed(embedder, ranked, &starts[ranked.start]);
-        let first = completed(ranked.first().ok_or(PairError::NoEmbedding)?)?;
+        let best = ranked.first().ok_or(PairError::NoEmbedding)?;
+        let rival = rival(ranked);
+        let (first, second) = rayon::join(|| completed(best), || rival.map(|k| completed(&ranked[k])));
+        let first = first?;
         if !first.missed().is_empty() {
             let others = 1..ranked.len().min(search::MOST_WHERE_MISSED);
             for k in others.filter(|&k| ranked[k].qualities.len() == ranked[0].qualities.len()) {
@@ -279,10 +292,10 @@ impl PairMapping<'_> {
             }
             return Ok(first);
         }
-        let Some(k) = rival(ranked) else {
+        let Some((k, second)) = rival.zip(second) else {
             return Ok(first);
         };
-        let second = completed(&ranked[k])?;
+        let second = second?;
         let qualities = [&first, &second].map(|candidate| embedder.quality(candidate));
         ranked[0].qualities.push(qualities[0]);
         ranked[k].qualities.push(qualities[1]);
@@ -292,6 +305,41 @@ impl PairMapping<'_> {
             return Ok(second);
         }
         Ok(first)
+    }
+
+    /// The completed best embedding. Where a part of it is out of order, such as a strip along a leg that covers most of the other one, there is
+    /// a search from its own map, refined by eigenfunctions: what that leads to is taken, and becomes the first, if it is better.
+    fn in_order(
+        &self,
+        embedder: &DomainEmbedder,
+        best: EmbeddingCandidate,
+        ranked: &mut [RankedEmbedding],
+        starts: &mut Vec<Start>,
+        schedules: &Schedules,
+        steps: &[SearchStep],
+    ) -> Result<EmbeddingCandidate, PairError> {
+        let is_free = embedder.pins.len() == 0 && embedder.springs.is_empty();
+        if !is_free || embedder.share_out_of_order(&best) < MOST_OUT_OF_ORDER {
+            return Ok(best);
+        }
+        let Some(start) = self.start_of_map(embedder, &best) else {
+            return Ok(best);
+        };
+        let (found, _) = best_of_starts(embedder, &[&start.soft_targets], schedules, steps);
+        let Some(found) = found.into_iter().next() else {
+            return Ok(best);
+        };
+        let completed = self.completed(embedder, &found, &start)?;
+        let [of_best, of_found] = [&best, &completed].map(|candidate| embedder.quality(candidate).rating());
+        if of_found >= of_best {
+            return Ok(best);
+        }
+        ranked[0] = RankedEmbedding {
+            start: starts.len(),
+            ..found
+        };
+        starts.push(start);
+        Ok(completed)
     }
 
     /// A coarse embedding with the rest of the vertices, and its distortion lowered.
@@ -314,7 +362,8 @@ impl PairMapping<'_> {
         let refined = embedder.refine(candidate, soft_targets, &coarse.schedule, usize::MAX, &refining);
         let mut completed = refined.ok_or(TOO_FINE)?;
         embedder.finish(&mut completed, &|rounds| self.improving(rounds));
-        self.take_exact_targets(embedder, soft_targets, &mut completed);
+        let all = start.all_soft_targets(embedder.inverse.target());
+        self.take_exact_targets(embedder, &all, &mut completed);
         Ok(completed)
     }
 

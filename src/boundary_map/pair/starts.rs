@@ -1,17 +1,18 @@
 //! Where the search for an embedding starts from: soft targets by shape in space, by intrinsic shape, or by a map that is
 //! given.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::alignment::{align_by_landmarks, align_with_progress, is_upright};
-use super::embedder::SoftTargets;
+use super::alignment::{align_by_landmarks, align_upright, is_upright};
+use super::embedder::{DomainEmbedder, EmbeddingCandidate, SoftTargets};
 use super::isometry::IntrinsicShapes;
 use super::landmark_warp::warped;
 use super::report::{PairPhase, PairStartKind};
-use super::targets::{VertexTarget, vertex_targets};
+use super::targets::{VertexTarget, targets_of_vertices, vertex_targets};
 use super::{AlignmentSurface, PairError, PairMapping};
 use crate::geometry::{Similarity, SurfaceQuery, similarity};
-use crate::intrinsic::{Correspondence, IntrinsicShape, correspondences};
+use crate::intrinsic::{Correspondence, IntrinsicShape, correspondence_of_map, correspondences};
 use crate::spherical::SphericalEmbedding;
 use crate::{Point, Vector};
 
@@ -27,7 +28,76 @@ const LEAST_WARPED: usize = 4;
 /// Soft targets that the embeddings of the domain start from.
 pub(super) struct Start {
     pub kind: PairStartKind,
+    /// Those of the vertices that coarse embeddings are pulled by; of the others where nothing has to be computed for them.
     pub soft_targets: SoftTargets,
+    closest: Option<ClosestPoints>,
+}
+
+/// By which points of the target are found for vertices of the aligned domain.
+struct ClosestPoints {
+    domain: Arc<AlignmentSurface>,
+    target: Arc<AlignmentSurface>,
+    alignment: Similarity,
+}
+
+impl Start {
+    fn complete(kind: PairStartKind, soft_targets: SoftTargets) -> Self {
+        Self {
+            kind,
+            soft_targets,
+            closest: None,
+        }
+    }
+
+    /// With the soft targets of these vertices.
+    fn by_closest_points(
+        kind: PairStartKind,
+        closest: ClosestPoints,
+        target: &SphericalEmbedding,
+        vertices: &[u32],
+    ) -> Self {
+        let ClosestPoints {
+            domain,
+            target: onto,
+            alignment,
+        } = &closest;
+        let mut soft_targets = vec![None; domain.vertex_count()];
+        let found = targets_of_vertices(domain, onto, alignment, vertices);
+        for (&v, found) in vertices.iter().zip(found) {
+            soft_targets[v as usize] = found.map(|found| soft_target(target, &found));
+        }
+        Self {
+            kind,
+            soft_targets,
+            closest: Some(closest),
+        }
+    }
+
+    /// The soft targets of all vertices.
+    pub(super) fn all_soft_targets(&self, target: &SphericalEmbedding) -> Cow<'_, SoftTargets> {
+        match &self.closest {
+            None => Cow::Borrowed(&self.soft_targets),
+            Some(closest) => {
+                let found = vertex_targets(&closest.domain, &closest.target, &closest.alignment);
+                let of_vertex = |found: Option<VertexTarget>| found.map(|found| soft_target(target, &found));
+                Cow::Owned(found.into_iter().map(of_vertex).collect())
+            }
+        }
+    }
+}
+
+fn soft_target(target: &SphericalEmbedding, found: &VertexTarget) -> (Vector, f64) {
+    (target.direction(&found.place), found.weight)
+}
+
+/// Alignments and intrinsic shapes, which do not depend on embeddings.
+#[derive(Default)]
+pub(super) struct ShapeMatches {
+    alignments: Vec<(PairStartKind, ClosestPoints)>,
+    /// About the pair.
+    warnings: Vec<String>,
+    /// None where solids lie in the same place, or a surface has none; where a map is given, those that are known.
+    shapes: Option<IntrinsicShapes>,
 }
 
 /// All starts of a pair, and what was found beside.
@@ -35,54 +105,64 @@ pub(super) struct Starts {
     pub all: Vec<Start>,
     /// About the pair.
     pub warnings: Vec<String>,
-    /// None where solids lie in the same place or a map is given, or where a surface has none.
+    /// As in [`ShapeMatches`].
     pub shapes: Option<IntrinsicShapes>,
     /// The correspondence by intrinsic shape that is closest to an isometry.
     pub closest: Option<Correspondence>,
 }
 
 impl PairMapping<'_> {
-    pub(super) fn starts(&self, target: &SphericalEmbedding) -> Result<Starts, PairError> {
-        if let Some(soft_targets) = self.soft_targets_of_given(target) {
-            let kind = PairStartKind::Given;
-            return Ok(Starts {
-                all: vec![Start { kind, soft_targets }],
-                warnings: vec![],
-                shapes: None,
-                closest: None,
-            });
-        }
-        let (mut all, warnings) = self.starts_by_alignment(target)?;
-        let shapes = match self.options.aligned {
-            true => None,
-            false => self.intrinsic_shapes(),
+    /// The starts, with the soft targets of these vertices at least.
+    pub(super) fn starts(&self, matches: ShapeMatches, target: &SphericalEmbedding, vertices: &[u32]) -> Starts {
+        let ShapeMatches {
+            alignments,
+            warnings,
+            shapes,
+        } = matches;
+        let given = self.soft_targets_of_given(target);
+        let given = given.map(|soft_targets| Start::complete(PairStartKind::Given, soft_targets));
+        let aligned = alignments
+            .into_iter()
+            .map(|(kind, closest)| Start::by_closest_points(kind, closest, target, vertices));
+        let mut all: Vec<Start> = given.into_iter().chain(aligned).collect();
+        let is_given = self.options.start.is_some();
+        let found = match &shapes {
+            Some(shapes) if !is_given => self.correspondences(shapes, target),
+            _ => vec![],
         };
-        let found = shapes
-            .as_ref()
-            .map_or(vec![], |shapes| self.correspondences(shapes, target));
         all.extend(found.iter().flat_map(|found| starts_of_correspondence(found, target)));
-        Ok(Starts {
+        Starts {
             all,
             warnings,
             shapes,
             closest: found.into_iter().next(),
-        })
+        }
     }
 
-    /// Soft targets by the closest points once the solids are aligned.
-    fn starts_by_alignment(&self, target: &SphericalEmbedding) -> Result<(Vec<Start>, Vec<String>), PairError> {
-        let from = AlignmentSurface::new(self.domain, "domain")?;
-        let to = AlignmentSurface::new(self.target, "target")?;
-        let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
-        let start = |similarity: &Similarity, kind| {
-            let found = vertex_targets(&from, &to, similarity);
-            let soft_targets = found.into_iter().map(|found| found.map(direction)).collect();
-            Start { kind, soft_targets }
-        };
-        if self.options.aligned {
-            return Ok((vec![start(&Similarity::identity(), PairStartKind::Aligned)], vec![]));
+    /// Alignments of the solids and their intrinsic shapes; no alignments where a map is given. Reports nothing: it is made beside the
+    /// target's embedding.
+    pub(super) fn shape_matches(&self) -> Result<ShapeMatches, PairError> {
+        if self.options.start.is_some() {
+            return Ok(ShapeMatches {
+                shapes: self.shapes.cloned(),
+                ..ShapeMatches::default()
+            });
         }
-        let mut starts = Vec::new();
+        let from = Arc::new(AlignmentSurface::new(self.domain, "domain")?);
+        let to = Arc::new(AlignmentSurface::new(self.target, "target")?);
+        let closest = |domain: &Arc<AlignmentSurface>, alignment: &Similarity| ClosestPoints {
+            domain: domain.clone(),
+            target: to.clone(),
+            alignment: *alignment,
+        };
+        let mut alignments = Vec::new();
+        if self.options.aligned {
+            alignments.push((PairStartKind::Aligned, closest(&from, &Similarity::identity())));
+            return Ok(ShapeMatches {
+                alignments,
+                ..ShapeMatches::default()
+            });
+        }
         let mut pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
         pairs.extend(self.curves.iter().map(|point| {
             let place = point.place.position(self.target, self.target.vertices());
@@ -92,33 +172,31 @@ impl PairMapping<'_> {
         let by_landmarks = align_by_landmarks(&from, &to, &pairs).ok();
         if let Some(found) = &by_landmarks {
             let similarity = &found.best[0].similarity;
-            starts.push(start(similarity, PairStartKind::Landmarks));
+            alignments.push((PairStartKind::Landmarks, closest(&from, similarity)));
             let warped = (pairs.len() >= LEAST_WARPED)
                 .then(|| warped(self.domain, similarity, &pairs))
                 .flatten();
             // A domain that folds into nothing has no frame.
-            if let Some(from) = warped.and_then(|warped| AlignmentSurface::new(&warped, "domain").ok()) {
-                let found = vertex_targets(&from, &to, &Similarity::identity());
-                let kind = PairStartKind::LandmarkWarp;
-                let soft_targets = found.into_iter().map(|found| found.map(direction)).collect();
-                starts.push(Start { kind, soft_targets });
+            if let Some(warped) = warped.and_then(|warped| AlignmentSurface::new(&warped, "domain").ok()) {
+                let closest = closest(&Arc::new(warped), &Similarity::identity());
+                alignments.push((PairStartKind::LandmarkWarp, closest));
             }
         }
-        let progress = |done, of| {
-            // A cancellation takes effect when the alignments are there, in a second or two.
-            let _ = self.reporter.send(PairPhase::Aligning { done, of });
-        };
-        let alignments = align_with_progress(&from, &to, self.options.up.as_ref(), &progress);
+        let by_shape = align_upright(&from, &to, self.options.up.as_ref());
         let mut warnings = Vec::new();
-        if by_landmarks.as_ref().unwrap_or(&alignments).looks_mirrored() {
+        if by_landmarks.as_ref().unwrap_or(&by_shape).looks_mirrored() {
             warnings.push(
                 "the target looks like the mirror image of the domain; mirror one of them if that is not what you want"
                     .into(),
             );
         }
-        let of_alignment = |found: &super::Alignment| start(&found.similarity, PairStartKind::Alignment);
-        starts.extend(alignments.best.iter().map(of_alignment));
-        Ok((starts, warnings))
+        let of_alignment = |found: &super::Alignment| (PairStartKind::Alignment, closest(&from, &found.similarity));
+        alignments.extend(by_shape.best.iter().map(of_alignment));
+        Ok(ShapeMatches {
+            alignments,
+            warnings,
+            shapes: self.intrinsic_shapes(),
+        })
     }
 
     /// The intrinsic shapes of both surfaces, if they have any.
@@ -127,7 +205,6 @@ impl PairMapping<'_> {
             return Some(known.clone());
         }
         let proceed = || self.reporter.should_improve();
-        self.intrinsic_step(0);
         let shape = |surface| IntrinsicShape::new(surface, MODES, &proceed);
         let (domain, target) = rayon::join(|| shape(self.domain), || shape(self.target));
         Some(IntrinsicShapes {
@@ -136,21 +213,34 @@ impl PairMapping<'_> {
         })
     }
 
-    fn intrinsic_step(&self, done: usize) {
-        // A cancellation takes effect by `should_improve`.
-        let _ = self.reporter.send(PairPhase::Intrinsic { done, of: 2 });
-    }
-
     /// Correspondences by intrinsic shape, the closest to an isometry first.
     fn correspondences(&self, shapes: &IntrinsicShapes, target: &SphericalEmbedding) -> Vec<Correspondence> {
         let proceed = || self.reporter.should_improve();
-        self.intrinsic_step(1);
+        // A cancellation takes effect by `should_improve`.
+        let _ = self.reporter.send(PairPhase::Intrinsic { done: 1, of: 2 });
         let (from, to, pairs) = (&shapes.domain, &shapes.target, self.landmarks.pairs());
         let mut found = correspondences(from, to, target, pairs, MOST_CORRESPONDENCES, &proceed);
         if let Some(up) = &self.options.up {
             found.retain(|correspondence| self.is_upright(correspondence, up));
         }
         found
+    }
+
+    /// Soft targets by the map of an embedding of all vertices, refined by eigenfunctions.
+    pub(super) fn start_of_map(&self, embedder: &DomainEmbedder, found: &EmbeddingCandidate) -> Option<Start> {
+        let shapes = embedder.shapes?;
+        let inverse = embedder.inverse;
+        let image = |v: u32| {
+            let (corners, barycentric) = inverse.corners(&found.embedding.directions[v as usize]);
+            let nearest = (0..3).max_by(|&i, &j| barycentric[i].total_cmp(&barycentric[j]));
+            corners[nearest.unwrap_or(0)]
+        };
+        let proceed = || self.reporter.should_improve();
+        let targets = correspondence_of_map(&shapes.domain, &shapes.target, image, &proceed)?;
+        let directions = inverse.target().directions();
+        let soft_target = |found: Option<(u32, f64)>| found.map(|(w, weight)| (directions[w as usize], weight));
+        let soft_targets = targets.into_iter().map(soft_target).collect();
+        Some(Start::complete(PairStartKind::Refined, soft_targets))
     }
 
     /// Whether the best rotation between corresponding points takes one direction roughly to the other.
@@ -185,18 +275,17 @@ impl PairMapping<'_> {
 fn starts_of_correspondence(correspondence: &Correspondence, target: &SphericalEmbedding) -> [Start; 2] {
     let direction = |w: u32| target.directions()[w as usize];
     let soft_target = |&(w, weight): &(u32, f64)| (direction(w), weight);
-    let soft_targets = correspondence
+    let soft_targets: SoftTargets = correspondence
         .targets
         .iter()
-        .map(|found| found.as_ref().map(soft_target));
-    let intrinsic = Start {
-        kind: PairStartKind::Intrinsic,
-        soft_targets: soft_targets.collect(),
-    };
-    let mut soft_targets = intrinsic.soft_targets.clone();
+        .map(|found| found.as_ref().map(soft_target))
+        .collect();
+    let mut with_extremities = soft_targets.clone();
     for &[v, w] in &correspondence.extremities {
-        soft_targets[v as usize] = Some((direction(w), EXTREMITY_WEIGHT));
+        with_extremities[v as usize] = Some((direction(w), EXTREMITY_WEIGHT));
     }
-    let kind = PairStartKind::Extremities;
-    [intrinsic, Start { kind, soft_targets }]
+    [
+        Start::complete(PairStartKind::Intrinsic, soft_targets),
+        Start::complete(PairStartKind::Extremities, with_extremities),
+    ]
 }

@@ -3,9 +3,11 @@
 
 use rayon::prelude::*;
 
+use super::OrientedPoint;
 use super::alignment::{AlignmentSurface, NORMAL_WEIGHT};
 use crate::geometry::Similarity;
 use crate::mesh::SurfacePoint;
+use crate::{Point, Vector};
 
 /// The point of the target that corresponds to a vertex, with a confidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,10 +34,26 @@ pub fn vertex_targets(
     target: &AlignmentSurface,
     alignment: &Similarity,
 ) -> Vec<Option<VertexTarget>> {
-    let vertices = domain.vertices_in(target, alignment);
+    closest_targets(target, &domain.vertices_in(target, alignment))
+}
+
+/// The same for some of the vertices.
+pub(super) fn targets_of_vertices(
+    domain: &AlignmentSurface,
+    target: &AlignmentSurface,
+    alignment: &Similarity,
+    vertices: &[u32],
+) -> Vec<Option<VertexTarget>> {
+    let all = domain.vertices_in(target, alignment);
+    let of_vertices: Vec<(Point, Vector)> = vertices.iter().map(|&v| all[v as usize]).collect();
+    closest_targets(target, &of_vertices)
+}
+
+/// The targets of points with normals in the target's frame.
+fn closest_targets(target: &AlignmentSurface, points: &[(Point, Vector)]) -> Vec<Option<VertexTarget>> {
     let size = target.size;
-    let found = target.query.closest_of_all(&vertices, NORMAL_WEIGHT * size, &[]);
-    let target_of = |((p, n), found): (&(_, crate::Vector), &super::OrientedPoint)| {
+    let found = target.query.closest_of_all(points, NORMAL_WEIGHT * size);
+    let target_of = |((p, n), found): (&(Point, Vector), &OrientedPoint)| {
         let distance = nalgebra::distance(p, &found.point) / size;
         let agreement = n.dot(&found.normal).max(0.0);
         let weight = agreement * (-(distance / FAR).powi(2)).exp();
@@ -45,14 +63,13 @@ pub fn vertex_targets(
             distance,
         })
     };
-    vertices.par_iter().zip(&found).map(target_of).collect()
+    points.par_iter().zip(&found).map(target_of).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mesh::{SurfaceMesh, shapes};
-    use crate::{Point, Vector};
 
     fn prepared(surface: &SurfaceMesh) -> AlignmentSurface {
         AlignmentSurface::new(surface, "domain").unwrap()

@@ -136,6 +136,7 @@ fn start_words(kind: PairStartKind) -> &'static str {
         PairStartKind::LandmarkWarp => "deformation by landmarks",
         PairStartKind::Intrinsic => "intrinsic shape",
         PairStartKind::Extremities => "intrinsic shape and extremities",
+        PairStartKind::Refined => "a first map, refined",
         PairStartKind::Given => "the map given",
         PairStartKind::Class => "another class",
         _ => "another start",
@@ -299,14 +300,19 @@ fn summary(report: &PairSummary) -> String {
     rows.push([
         "time".into(),
         format!(
-            "{:.1} s: {} {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}{}",
+            "{:.1} s: {} {:.1}, {} {:.1}, coarse embeddings {:.1}, refinement {:.1}{}",
             seconds.total,
             match pair.method {
                 PairMethod::FlatTori => "tori",
                 PairMethod::HyperbolicSurface => "hyperbolic surface",
-                _ => "spheres",
+                PairMethod::SoftTargets => "sphere and alignments",
+                PairMethod::Conformal => "spheres",
             },
             seconds.sphere,
+            match pair.method {
+                PairMethod::SoftTargets => "soft targets",
+                _ => "alignment",
+            },
             seconds.align,
             seconds.coarse,
             seconds.improve,

@@ -15,8 +15,6 @@ pub(super) struct Registration<'a> {
     pub(super) target: &'a AlignmentSurface,
     /// Weight of normals in the frame of the target.
     pub(super) beta: f64,
-    /// Called, on any thread, when one of the steps of a search is done.
-    pub(super) on_step: &'a (dyn Fn() + Sync),
     /// Directions of the domain and the target that correspond roughly.
     pub(super) up: Option<[Vector; 2]>,
 }
@@ -95,7 +93,6 @@ impl<'a> Registration<'a> {
             domain,
             target,
             beta: NORMAL_WEIGHT * target.size,
-            on_step: &|| (),
             up: None,
         }
     }

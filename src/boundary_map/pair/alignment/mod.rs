@@ -15,8 +15,6 @@ mod tests;
 
 use std::f64::consts::PI;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use rayon::prelude::*;
 
 use crate::geometry::{Similarity, similarity};
@@ -149,20 +147,16 @@ const EXACT: f64 = 1e-6;
 /// started from principal axes are equivariant under similarities of the solids; those from the coordinates as given
 /// are not. Costs up to two seconds of processor time.
 pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments {
-    align_with_progress(domain, target, None, &|_, _| ())
+    align_upright(domain, target, None)
 }
 
-/// As [`align`], with rotations alone that take the first of the directions `up` to within [`UPRIGHT`] of the second. `progress`
-/// gets the number of steps that are done, and of how many; on any thread.
-pub(super) fn align_with_progress(
+/// As [`align`], with rotations alone that take the first of the directions `up` to within [`UPRIGHT`] of the second.
+pub(super) fn align_upright(
     domain: &AlignmentSurface,
     target: &AlignmentSurface,
     up: Option<&[Vector; 2]>,
-    progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Alignments {
-    let (done, of) = (AtomicUsize::new(0), STARTS + FINALISTS + MIRRORED_STARTS + 1);
     let pair = Registration {
-        on_step: &|| progress(done.fetch_add(1, Ordering::Relaxed) + 1, of),
         up: up.copied(),
         ..Registration::new(domain, target)
     };
@@ -264,18 +258,13 @@ impl Registration<'_> {
         let starts = starts.into_par_iter().map(scored).collect();
         let improved = distinct(starts, most_starts)
             .par_iter()
-            .map(|start| {
-                let improved = self.improve_coarsely(start);
-                (self.on_step)();
-                improved
-            })
+            .map(|start| self.improve_coarsely(start))
             .collect();
         let mut refined: Vec<(Alignment, Similarity)> = distinct(improved, most)
             .par_iter()
             .map(|AlignmentCandidate { similarity, start, .. }| {
                 let refined = self.refine(similarity, &[], Refinement::SAMPLES);
                 let refined = self.refine(&refined, &[], Refinement::TRIANGLES);
-                (self.on_step)();
                 (self.describe(&refined, *start), refined)
             })
             .collect();

@@ -70,7 +70,7 @@ impl AlignmentSurface {
         let corners = framed.triangles().iter().flatten();
         let radii = corners.map(|&v| framed.vertices()[v as usize].coords.norm());
         let size = 2.0 * radii.fold(0.0, f64::max);
-        let hints = query.closest_of_all(&samples[..CANDIDATES.min(samples.len())], NORMAL_WEIGHT * size, &[]);
+        let hints = query.closest_of_all(&samples[..CANDIDATES.min(samples.len())], NORMAL_WEIGHT * size);
         Ok(Self {
             to_frame,
             query,
@@ -82,6 +82,10 @@ impl AlignmentSurface {
             vertices: framed.into_parts().0,
             normals,
         })
+    }
+
+    pub(in crate::boundary_map::pair) fn vertex_count(&self) -> usize {
+        self.vertices.len()
     }
 
     /// Vertices and their unit normals carried to the frame of `target`.

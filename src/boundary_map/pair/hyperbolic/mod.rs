@@ -12,7 +12,7 @@ mod meridians;
 
 use rayon::prelude::*;
 
-use super::alignment::align_with_progress;
+use super::alignment::align_upright;
 use super::targets::vertex_targets;
 use super::torus::search::{COARSE_SOFTNESS, FINE_SOFTNESS};
 use super::{
@@ -239,7 +239,7 @@ impl PairMapping<'_> {
         self.report(PairPhase::Aligning { done: 0, of: 0 })?;
         let from = AlignmentSurface::new(self.domain, "domain")?;
         let to = AlignmentSurface::new(self.target, "target")?;
-        let found = align_with_progress(&from, &to, self.options.up.as_ref(), &|_, _| ());
+        let found = align_upright(&from, &to, self.options.up.as_ref());
         let as_start = |alignment: &super::Alignment| (alignment.similarity, PairStartKind::Alignment);
         Ok(found.best.iter().map(as_start).collect())
     }

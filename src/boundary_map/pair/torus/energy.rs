@@ -158,7 +158,7 @@ impl Objective for TorusEnergy<'_> {
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 
-    fn elements(&self, x: &[Vector], _: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
+    fn write_elements(&self, x: &[Vector], _: &[[Vector; 2]], elements: &mut Vec<ElementDerivatives>) {
         let images = self.images(x);
         let slopes = self.slopes(x, &images);
         let of_triangle = |t: usize| {
@@ -185,6 +185,7 @@ impl Objective for TorusEnergy<'_> {
                 hessian,
             }
         };
-        (0..self.triangles.len()).into_par_iter().map(of_triangle).collect()
+        let triangles = (0..self.triangles.len()).into_par_iter();
+        triangles.map(of_triangle).collect_into_vec(elements);
     }
 }
