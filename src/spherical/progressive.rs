@@ -40,7 +40,7 @@ impl InsertedMesh {
         self.triangles.iter().map(|t| t.map(|i| self.vertices[i as usize]))
     }
 
-    /// What the vertices have in a list of all.
+    /// The entries of these vertices in a list of all.
     pub fn of<T: Copy>(&self, all: &[T]) -> Vec<T> {
         self.vertices.iter().map(|&v| all[v as usize]).collect()
     }

@@ -116,7 +116,7 @@ impl OrientedQuery {
         self.at(slot, &nearest, normal, beta)
     }
 
-    /// A triangle's point that is nearest in space.
+    /// The triangle's point that is nearest in space, in the metric of the query.
     fn at(&self, slot: u32, closest: &TrianglePoint, normal: &Vector, beta: f64) -> OrientedPoint {
         let corners = &self.corners[slot as usize];
         let [u, v, w] = closest.barycentric;

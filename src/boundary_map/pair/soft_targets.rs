@@ -66,8 +66,8 @@ const STEPS: [SearchStep; 4] = [
 const STEPS_IN_PLACE: [SearchStep; 2] = [SearchStep::new(1600, 2, 2, 1.1), SearchStep::new(4000, 1, 1, 1.0)];
 /// Another map is completed, too, when its rating with 4000 vertices is at most this times the least: then the better one is taken.
 const AS_GOOD_COARSE: f64 = 1.15;
-/// Share of the area that is distorted beyond measure from which on a part of a map is out of order: maps in order have up to 0.3 %, and a
-/// strip along a leg that covers most of it makes 1 %.
+/// Share of the area that is distorted beyond measure from which on a part of a map is out of order: maps in order have up to
+/// 0.3 %, and a strip along a leg that covers most of it makes 1 %.
 const MOST_OUT_OF_ORDER: f64 = 0.005;
 /// A warning says that an alternative is as good when its rating is at most this times that of the map that was taken.
 const AS_GOOD: f64 = 1.03;
@@ -307,8 +307,9 @@ impl PairMapping<'_> {
         Ok(first)
     }
 
-    /// The completed best embedding. Where a part of it is out of order, such as a strip along a leg that covers most of the other one, there is
-    /// a search from its own map, refined by eigenfunctions: what that leads to is taken, and becomes the first, if it is better.
+    /// The completed best embedding. Where a part of it is out of order, such as a strip along a leg that covers most of the other
+    /// one, there is a search from its own map, refined by eigenfunctions: what that leads to is taken, and becomes the first, if
+    /// it is better.
     fn in_order(
         &self,
         embedder: &DomainEmbedder,

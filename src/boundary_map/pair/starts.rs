@@ -30,10 +30,11 @@ pub(super) struct Start {
     pub kind: PairStartKind,
     /// Those of the vertices that coarse embeddings are pulled by; of the others where nothing has to be computed for them.
     pub soft_targets: SoftTargets,
+    /// How those of the others are found.
     closest: Option<ClosestPoints>,
 }
 
-/// By which points of the target are found for vertices of the aligned domain.
+/// By which the closest points of the target are found for vertices of the aligned domain.
 struct ClosestPoints {
     domain: Arc<AlignmentSurface>,
     target: Arc<AlignmentSurface>,
