@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use super::PairPhase;
+use super::drag::drag;
 use super::inter_surface::{InterSurfaceEnergy, InterSurfaceMap, InverseEmbedding, Spring};
 use super::isometry::{IntrinsicShapes, Quality};
 use crate::Vector;
@@ -140,6 +141,11 @@ const PIN_STIFFNESS: f64 = 10.0;
 const STIFFENING: f64 = 4.0;
 /// Rounds of meeting pins on a level.
 const MOST_PIN_ROUNDS: usize = 8;
+/// Steps in which a pin is dragged, the radius within which vertices go with it at most, and rounds of relaxation of these after
+/// each step.
+const MOST_DRAGS: usize = 40;
+const MOST_DRAGGED: f64 = 0.5;
+const DRAG_SWEEPS: usize = 3;
 /// Limits while pins are being met.
 const MEETING: AlternationLimits = AlternationLimits {
     most_rounds: 1,
@@ -390,7 +396,8 @@ impl DomainEmbedder<'_> {
     /// Meets the pins, with springs that become stiffer until no triangle is in the way: a penalty method. Returns the
     /// energy, which is `energy` when all were met before. The springs that are left are those never released.
     ///
-    /// With `releases`, pins that were met give way again if some cannot be met between them.
+    /// With `releases`, pins that were met give way again if some cannot be met between them, and those that are missed even then are
+    /// [dragged](drag) to their places.
     fn meet_pins(
         &self,
         embedding: &mut PartialEmbedding,
@@ -418,6 +425,9 @@ impl DomainEmbedder<'_> {
             energy = self.improve(embedding, map, pinned, &MEETING, &|_| ());
         }
         self.move_pins(embedding, pinned);
+        if releases {
+            self.drag_pins(embedding, map, pinned);
+        }
         let missed = |pinned: &[bool]| pinned.iter().filter(|is| !**is).count();
         if let Some((before, were_pinned, energy_before)) = before_release
             && missed(&were_pinned) <= missed(pinned)
@@ -463,6 +473,31 @@ impl DomainEmbedder<'_> {
         }
         if meets {
             self.move_pins(embedding, pinned);
+        }
+    }
+
+    /// Drags pins that are missed to their directions, with what lies around them as far as the nearest pin that is met.
+    fn drag_pins(&self, embedding: &mut PartialEmbedding, map: &mut InterSurfaceMap, pinned: &mut [bool]) {
+        for i in 0..pinned.len() {
+            let Pin { vertex, to, .. } = self.pins.pins[i];
+            let is_inserted = !embedding.rings.of(vertex).is_empty();
+            for _ in 0..MOST_DRAGS {
+                if pinned[i] || !is_inserted || !self.reporter.should_continue() {
+                    break;
+                }
+                let x = embedding.directions[vertex as usize];
+                let met = self.pins.pins.iter().zip(&*pinned).filter(|(_, is_met)| **is_met);
+                let radius = met.map(|(pin, _)| (pin.to - x).norm()).fold(MOST_DRAGGED, f64::min);
+                let Some(dragged) = drag(embedding, vertex, &to, radius) else {
+                    break;
+                };
+                pinned[i] = dragged.arrived;
+                map.locate(embedding);
+                let is_fixed = |v: u32| v == vertex || self.pins.of(v).is_some_and(|i| pinned[i]);
+                for _ in 0..DRAG_SWEEPS {
+                    map.sweep(embedding, &dragged.moved, &is_fixed);
+                }
+            }
         }
     }
 

@@ -15,10 +15,11 @@
 
 mod alignment;
 mod bent;
-mod both_ways;
 mod conformal;
 mod curves;
+mod drag;
 mod embedder;
+mod further_searches;
 mod hyperbolic;
 mod inter_surface;
 mod isometry;
@@ -153,7 +154,7 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
         options,
     };
     given.mapped(progress, |pair| match options.method {
-        PairMethod::SoftTargets => pair.by_soft_targets_both_ways(),
+        PairMethod::SoftTargets => pair.by_several_searches(),
         PairMethod::Conformal => pair.by_conformal_maps(),
         PairMethod::FlatTori | PairMethod::HyperbolicSurface => Err(of_no_handle("domain")),
     })
@@ -194,6 +195,7 @@ impl<'a> Given<'a> {
                 curves: self.curves,
                 options: self.options,
                 shapes: None,
+                refined: None,
                 begin: Instant::now(),
                 reporter,
             })
@@ -306,6 +308,8 @@ struct PairMapping<'a> {
     options: &'a PairOptions,
     /// The intrinsic shapes, where they are known.
     shapes: Option<&'a IntrinsicShapes>,
+    /// A map through the target's sphere that is the only start, once it is refined by eigenfunctions.
+    refined: Option<&'a BoundaryMap>,
     begin: Instant,
     reporter: &'a ProgressSender<'a, PairPhase>,
 }

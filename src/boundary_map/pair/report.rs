@@ -118,7 +118,7 @@ pub struct PairReport {
     /// then limbs are probably on wrong limbs.
     pub nearer_isometry: Option<NearerIsometry>,
     /// Whether the map was sought from the target to the domain: what is said of starts, schedules and other maps, and `before`, are of
-    /// the search the other way, whose map was worse.
+    /// the first search, whose map was worse.
     pub is_reversed: bool,
     /// How much of the domain is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
@@ -300,7 +300,7 @@ pub struct PairTimings {
     pub coarse: f64,
     /// Refinement and optimisation of the best embedding.
     pub improve: f64,
-    /// The search from the target to the domain, where there was one.
+    /// Further searches, where there were any: from the target to the domain, and from a map of which a part was out of order.
     pub reversed: f64,
     /// All phases.
     pub total: f64,

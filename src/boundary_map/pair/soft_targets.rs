@@ -7,11 +7,12 @@ use super::isometry::{IntrinsicShapes, Quality};
 use super::search::{self, RankedEmbedding, Schedules, SearchStep, best_of_starts};
 use super::starts::{Start, Starts};
 use super::{
-    DISTINCT, ISOMETRY_ENERGY, NearerIsometry, PairAlternative, PairError, PairMapping, PairMaps, PairMethod,
-    PairPhase, PairReport, PairStart, PairStartKind, PairTimings, SoftTargetSchedule, TOO_FINE,
+    DISTINCT, ISOMETRY_ENERGY, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport,
+    PairStart, PairStartKind, PairTimings, SoftTargetSchedule, TOO_FINE,
 };
 use crate::Vector;
 use crate::boundary_map::BoundaryMap;
+use crate::intrinsic::Correspondence;
 use crate::mesh::SurfaceMesh;
 use crate::spherical::{Locator, SphereEnergy, SphericalEmbedding, check_embedding};
 
@@ -72,7 +73,7 @@ const MOST_OUT_OF_ORDER: f64 = 0.005;
 /// A warning says that an alternative is as good when its rating is at most this times that of the map that was taken.
 const AS_GOOD: f64 = 1.03;
 
-/// The maps by soft targets, and what the first is compared by with one that is sought the other way.
+/// The maps by soft targets, and what the first is compared by with those of other searches.
 pub(super) struct SoftTargetMaps {
     pub maps: PairMaps,
     pub quality: Quality,
@@ -80,6 +81,11 @@ pub(super) struct SoftTargetMaps {
     pub coarse_rating: Option<f64>,
     /// None where solids lie in the same place or a map is given, or where a surface has none.
     pub shapes: Option<IntrinsicShapes>,
+    /// The correspondence by intrinsic shape that is closest to an isometry, where nothing but landmarks says where the domain goes.
+    pub closest: Option<Correspondence>,
+    /// Whether a part of the map is distorted beyond measure, such as a strip along a leg that covers most of the other one, and
+    /// neither landmarks nor curves can be why.
+    pub is_out_of_order: bool,
 }
 
 impl PairMapping<'_> {
@@ -97,11 +103,11 @@ impl PairMapping<'_> {
         let pulled = embedder.hierarchy.coarsest(schedules.most_pulled());
         self.report(PairPhase::Aligning { done: 0, of: 0 })?;
         let Starts {
-            all: mut starts,
+            all: starts,
             mut warnings,
             shapes,
             closest,
-        } = self.starts(matches, &target, &pulled);
+        } = self.starts(matches, &inverse, &pulled);
         let align = self.elapsed();
 
         let embedder = DomainEmbedder {
@@ -136,10 +142,7 @@ impl PairMapping<'_> {
             return Ok(None);
         }
         let completed = match self.options.improve {
-            true => {
-                let best = self.completed_best(&embedder, &mut ranked, &starts)?;
-                Some(self.in_order(&embedder, best, &mut ranked, &mut starts, &schedules, &steps)?)
-            }
+            true => Some(self.completed_best(&embedder, &mut ranked, &starts)?),
             false => None,
         };
         let (best, others) = ranked.split_first().ok_or(PairError::NoEmbedding)?;
@@ -174,11 +177,10 @@ impl PairMapping<'_> {
         }
         let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
         let quality = embedder.quality(&after);
-        let of_map = quality.isometry_defect;
-        let images = after.embedding.directions.iter().map(|x| inverse.position(x));
+        let is_free = embedder.pins.len() == 0 && embedder.springs.is_empty();
+        let is_out_of_order = is_free && shapes.is_some() && embedder.share_out_of_order(&after) > MOST_OUT_OF_ORDER;
         // Correspondences know nothing of springs.
         let closest = closest.filter(|_| embedder.springs.is_empty());
-        let nearer = closest.and_then(|closest| NearerIsometry::than(of_map?, images, &closest, self.target));
         let (map, distortions, stretch) = self.measured(&target, &before, &after)?;
         let report = PairReport {
             landmarks: self.landmarks.pairs().len(),
@@ -196,8 +198,7 @@ impl PairMapping<'_> {
                 })
                 .collect(),
             schedule: Some(best.schedule),
-            isometry_defect: of_map,
-            nearer_isometry: nearer,
+            isometry_defect: quality.isometry_defect,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
@@ -219,12 +220,15 @@ impl PairMapping<'_> {
             quality,
             coarse_rating,
             shapes,
+            closest,
+            is_out_of_order,
         }))
     }
 
-    /// The target's spherical embedding: that of the boundary map that is started from, if it is one of this target.
+    /// The target's spherical embedding: that of the boundary map that is started from or refined, if it is one of this target.
     fn target_embedding(&self) -> Result<SphericalEmbedding, PairError> {
-        let given = self.options.start.as_ref().and_then(BoundaryMap::target_embedding);
+        let from = self.options.start.as_ref().or(self.refined);
+        let given = from.and_then(BoundaryMap::target_embedding);
         match given.filter(|given| given.surface() == self.target) {
             Some(given) => Ok(given.clone()),
             None => self.sphere("target", self.target, SphereEnergy::Balanced),
@@ -305,42 +309,6 @@ impl PairMapping<'_> {
             return Ok(second);
         }
         Ok(first)
-    }
-
-    /// The completed best embedding. Where a part of it is out of order, such as a strip along a leg that covers most of the other
-    /// one, there is a search from its own map, refined by eigenfunctions: what that leads to is taken, and becomes the first, if
-    /// it is better.
-    fn in_order(
-        &self,
-        embedder: &DomainEmbedder,
-        best: EmbeddingCandidate,
-        ranked: &mut [RankedEmbedding],
-        starts: &mut Vec<Start>,
-        schedules: &Schedules,
-        steps: &[SearchStep],
-    ) -> Result<EmbeddingCandidate, PairError> {
-        let is_free = embedder.pins.len() == 0 && embedder.springs.is_empty();
-        if !is_free || embedder.share_out_of_order(&best) < MOST_OUT_OF_ORDER {
-            return Ok(best);
-        }
-        let Some(start) = self.start_of_map(embedder, &best) else {
-            return Ok(best);
-        };
-        let (found, _) = best_of_starts(embedder, &[&start.soft_targets], schedules, steps);
-        let Some(found) = found.into_iter().next() else {
-            return Ok(best);
-        };
-        let completed = self.completed(embedder, &found, &start)?;
-        let [of_best, of_found] = [&best, &completed].map(|candidate| embedder.quality(candidate).rating());
-        if of_found >= of_best {
-            return Ok(best);
-        }
-        ranked[0] = RankedEmbedding {
-            start: starts.len(),
-            ..found
-        };
-        starts.push(start);
-        Ok(completed)
     }
 
     /// A coarse embedding with the rest of the vertices, and its distortion lowered.

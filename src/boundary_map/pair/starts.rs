@@ -5,12 +5,14 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::alignment::{align_by_landmarks, align_upright, is_upright};
-use super::embedder::{DomainEmbedder, EmbeddingCandidate, SoftTargets};
+use super::embedder::SoftTargets;
+use super::inter_surface::InverseEmbedding;
 use super::isometry::IntrinsicShapes;
 use super::landmark_warp::warped;
 use super::report::{PairPhase, PairStartKind};
 use super::targets::{VertexTarget, targets_of_vertices, vertex_targets};
 use super::{AlignmentSurface, PairError, PairMapping};
+use crate::boundary_map::BoundaryMap;
 use crate::geometry::{Similarity, SurfaceQuery, similarity};
 use crate::intrinsic::{Correspondence, IntrinsicShape, correspondence_of_map, correspondences};
 use crate::spherical::SphericalEmbedding;
@@ -114,7 +116,8 @@ pub(super) struct Starts {
 
 impl PairMapping<'_> {
     /// The starts, with the soft targets of these vertices at least.
-    pub(super) fn starts(&self, matches: ShapeMatches, target: &SphericalEmbedding, vertices: &[u32]) -> Starts {
+    pub(super) fn starts(&self, matches: ShapeMatches, inverse: &InverseEmbedding, vertices: &[u32]) -> Starts {
+        let target = inverse.target();
         let ShapeMatches {
             alignments,
             warnings,
@@ -126,9 +129,12 @@ impl PairMapping<'_> {
             .into_iter()
             .map(|(kind, closest)| Start::by_closest_points(kind, closest, target, vertices));
         let mut all: Vec<Start> = given.into_iter().chain(aligned).collect();
-        let is_given = self.options.start.is_some();
-        let found = match &shapes {
-            Some(shapes) if !is_given => self.correspondences(shapes, target),
+        let found = match (&shapes, self.refined) {
+            (Some(shapes), Some(map)) => {
+                all.extend(self.start_of_map(map, shapes, inverse));
+                vec![]
+            }
+            (Some(shapes), None) if self.options.start.is_none() => self.correspondences(shapes, target),
             _ => vec![],
         };
         all.extend(found.iter().flat_map(|found| starts_of_correspondence(found, target)));
@@ -140,10 +146,10 @@ impl PairMapping<'_> {
         }
     }
 
-    /// Alignments of the solids and their intrinsic shapes; no alignments where a map is given. Reports nothing: it is made beside the
-    /// target's embedding.
+    /// Alignments of the solids and their intrinsic shapes; no alignments where a map is given or refined. Reports nothing: it is made
+    /// beside the target's embedding.
     pub(super) fn shape_matches(&self) -> Result<ShapeMatches, PairError> {
-        if self.options.start.is_some() {
+        if self.options.start.is_some() || self.refined.is_some() {
             return Ok(ShapeMatches {
                 shapes: self.shapes.cloned(),
                 ..ShapeMatches::default()
@@ -201,7 +207,7 @@ impl PairMapping<'_> {
     }
 
     /// The intrinsic shapes of both surfaces, if they have any.
-    fn intrinsic_shapes(&self) -> Option<IntrinsicShapes> {
+    pub(super) fn intrinsic_shapes(&self) -> Option<IntrinsicShapes> {
         if let Some(known) = self.shapes {
             return Some(known.clone());
         }
@@ -227,12 +233,11 @@ impl PairMapping<'_> {
         found
     }
 
-    /// Soft targets by the map of an embedding of all vertices, refined by eigenfunctions.
-    pub(super) fn start_of_map(&self, embedder: &DomainEmbedder, found: &EmbeddingCandidate) -> Option<Start> {
-        let shapes = embedder.shapes?;
-        let inverse = embedder.inverse;
+    /// Soft targets by a map through the target's embedding, refined by eigenfunctions.
+    fn start_of_map(&self, map: &BoundaryMap, shapes: &IntrinsicShapes, inverse: &InverseEmbedding) -> Option<Start> {
+        let of_domain = map.domain_embedding()?.directions();
         let image = |v: u32| {
-            let (corners, barycentric) = inverse.corners(&found.embedding.directions[v as usize]);
+            let (corners, barycentric) = inverse.corners(&of_domain[v as usize]);
             let nearest = (0..3).max_by(|&i, &j| barycentric[i].total_cmp(&barycentric[j]));
             corners[nearest.unwrap_or(0)]
         };

@@ -317,7 +317,7 @@ fn summary(report: &PairSummary) -> String {
             seconds.coarse,
             seconds.improve,
             match seconds.reversed > 0.0 {
-                true => format!(", the other way {:.1}", seconds.reversed),
+                true => format!(", further searches {:.1}", seconds.reversed),
                 false => String::new(),
             }
         ),

@@ -1,0 +1,250 @@
+//! The map by soft targets, sought again where the first search ends off an isometry: from the target to the domain, since either
+//! search gets stuck at other minima, and from the map itself where a part of it is out of order.
+
+use super::isometry::{SMALL_DEFECT, is_off};
+use super::soft_targets::SoftTargetMaps;
+use super::{NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport};
+
+impl PairMapping<'_> {
+    /// As [`Self::by_soft_targets`]. Where that ends [off](is_off) an isometry, a map is sought the other way, too; where a part of the
+    /// better one is out of order, another from that map. The best is taken.
+    pub(super) fn by_several_searches(&self) -> Result<PairMaps, PairError> {
+        let mut best = self.by_soft_targets(None)?.ok_or(PairError::NoEmbedding)?;
+        let is_free = self.is_free_search();
+        let first_took = best.maps.report.timings.total;
+        let is_seen_off = is_free && best.quality.isometry_defect.is_some_and(is_off);
+        if is_seen_off
+            && self.reporter.should_improve()
+            && let Some(found) = self.by_soft_targets_from_target(&best)?
+        {
+            best = best.or_better(found);
+        }
+        if is_free
+            && best.is_out_of_order
+            && self.reporter.should_improve()
+            && let Some(found) = self.by_refined_map(&best)?
+        {
+            best = best.or_better(found);
+        }
+        let PairMaps { map, report, .. } = &mut best.maps;
+        if is_free && (is_seen_off || best.is_out_of_order) {
+            report.timings.total = self.elapsed();
+            report.timings.reversed = report.timings.total - first_took;
+        }
+        report.concluded = self.reporter.should_conclude();
+        report.nearer_isometry = report.isometry_defect.zip(best.closest).and_then(|(defect, closest)| {
+            NearerIsometry::than(defect, map.image().iter().copied(), &closest, self.target)
+        });
+        if let Some(defect) = report.isometry_defect.filter(|defect| is_seen_off && is_off(*defect)) {
+            report.warnings.push(format!(
+                "if the solids are poses of one body, a part of it may be out of its place, such as a head turned round: the map has an \
+                 isometry defect of {defect:.3}, and right ones have less than {SMALL_DEFECT}. Look at it, and give landmarks there"
+            ));
+        }
+        Ok(best.maps)
+    }
+
+    /// Whether nothing that is given says where the domain goes.
+    fn is_free_search(&self) -> bool {
+        let options = self.options;
+        self.landmarks.pairs().is_empty()
+            && self.curves.is_empty()
+            && options.start.is_none()
+            && !options.aligned
+            && options.improve
+    }
+
+    /// The inverse of the map that is found from the target to the domain, improved as a map of the domain; `None` where its coarse
+    /// embeddings are no better than the first map's, or none is found.
+    fn by_soft_targets_from_target(&self, first: &SoftTargetMaps) -> Result<Option<SoftTargetMaps>, PairError> {
+        let shapes = first.shapes.as_ref().map(|shapes| shapes.exchanged());
+        let options = PairOptions {
+            up: self.options.up.map(|[domain, target]| [target, domain]),
+            alternatives: 0,
+            ..self.options.clone()
+        };
+        let back = PairMapping {
+            domain: self.target,
+            target: self.domain,
+            options: &options,
+            shapes: shapes.as_ref(),
+            ..*self
+        };
+        let Some(found) = some_or_cancelled(back.by_soft_targets(first.coarse_rating))? else {
+            return Ok(None);
+        };
+        // The target's triangles are not distorted much, but the domain's may be where they bend about limbs.
+        let Some(start) = found.maps.map.inverse() else {
+            return Ok(None);
+        };
+        let options = PairOptions {
+            start: Some(start),
+            alternatives: 0,
+            ..self.options.clone()
+        };
+        let improving = PairMapping {
+            options: &options,
+            shapes: first.shapes.as_ref(),
+            ..*self
+        };
+        let Some(mut improved) = some_or_cancelled(improving.by_soft_targets(None))? else {
+            return Ok(None);
+        };
+        let report = &mut improved.maps.report;
+        report.is_reversed = true;
+        report.coarse_embeddings = found.maps.report.coarse_embeddings;
+        report.warnings = found.maps.report.warnings;
+        report.starts = vec![];
+        Ok(Some(improved))
+    }
+
+    /// The map that is found from the start that a map becomes when it is refined by eigenfunctions; `None` where none is found.
+    fn by_refined_map(&self, first: &SoftTargetMaps) -> Result<Option<SoftTargetMaps>, PairError> {
+        let again = PairMapping {
+            refined: Some(&first.maps.map),
+            shapes: first.shapes.as_ref(),
+            ..*self
+        };
+        some_or_cancelled(again.by_soft_targets(None))
+    }
+}
+
+impl SoftTargetMaps {
+    /// This map, or that of a further search if it is better. What is said of other maps stays that of the first search.
+    fn or_better(mut self, found: Self) -> Self {
+        let is_better = found.quality.rating() < self.quality.rating();
+        let (own, found_report) = (&mut self.maps.report, found.maps.report);
+        own.coarse_embeddings += found_report.coarse_embeddings;
+        let start = own.starts.len() + found_report.start;
+        let has_starts = !found_report.starts.is_empty();
+        own.starts.extend(found_report.starts);
+        if !is_better {
+            return self;
+        }
+        if has_starts {
+            (own.start, own.schedule) = (start, found_report.schedule);
+        }
+        let report = PairReport {
+            is_reversed: own.is_reversed || found_report.is_reversed,
+            after: found_report.after,
+            stretch: found_report.stretch,
+            isometry_defect: found_report.isometry_defect,
+            warnings: found_report.warnings,
+            ..own.clone()
+        };
+        Self {
+            maps: PairMaps {
+                map: found.maps.map,
+                report,
+                alternatives: self.maps.alternatives,
+            },
+            quality: found.quality,
+            is_out_of_order: found.is_out_of_order,
+            ..self
+        }
+    }
+}
+
+/// What a search has found; `None` where it failed, since the first map is there. Only a cancellation is passed on.
+fn some_or_cancelled(found: Result<Option<SoftTargetMaps>, PairError>) -> Result<Option<SoftTargetMaps>, PairError> {
+    match found {
+        Err(PairError::Cancelled) => Err(PairError::Cancelled),
+        found => Ok(found.ok().flatten()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use nalgebra::{Rotation3, Unit};
+
+    use super::super::isometry::IntrinsicShapes;
+    use super::super::{Given, Landmarks, PairStartKind};
+    use super::*;
+    use crate::Vector;
+    use crate::boundary_map::BoundaryMap;
+    use crate::mesh::{SurfaceMesh, shapes};
+    use crate::spherical::SphericalEmbedding;
+
+    const LIMBS: [[f64; 3]; 3] = [[1.0, 0.2, 0.1], [-0.6, 0.9, 0.0], [-0.1, -0.4, 1.0]];
+
+    /// A ball with three limbs, star-shaped.
+    fn star() -> SurfaceMesh {
+        let radius = |x: &Vector| {
+            let limb =
+                |(d, length): (&[f64; 3], f64)| length * (-18.0 * (1.0 - x.dot(&Vector::from(*d).normalize()))).exp();
+            1.0 + LIMBS.iter().zip([1.0, 0.7, 0.5]).map(limb).sum::<f64>()
+        };
+        shapes::deformed(&shapes::sphere(1.0, 4), |p| p * radius(&p.coords.normalize()))
+    }
+
+    /// A map of the star to itself that squeezes a belt around a limb to a twelfth of its width, and stretches what follows. It is one to
+    /// one.
+    fn squeezed(star: &SurfaceMesh) -> BoundaryMap {
+        let directions: Vec<Vector> = star.vertices().iter().map(|p| p.coords.normalize()).collect();
+        let axis = Vector::from(LIMBS[0]).normalize();
+        let image = |angle: f64| match angle {
+            ..0.5 => angle,
+            0.5..0.9 => 0.5 + (angle - 0.5) / 12.0,
+            0.9..1.4 => 1.4 - (1.4 - angle) * (1.4 - 0.5 - 0.4 / 12.0) / 0.5,
+            _ => angle,
+        };
+        let moved = directions.iter().map(|x| {
+            let angle = x.angle(&axis);
+            // From the axis there is no direction to turn to, and nothing to be turned.
+            let across = Unit::try_new(axis.cross(x), 1e-9);
+            across.map_or(*x, |across| {
+                Rotation3::from_axis_angle(&across, image(angle) - angle) * x
+            })
+        });
+        let target = SphericalEmbedding::new(star.clone(), &directions).unwrap();
+        let domain = SphericalEmbedding::new(star.clone(), &moved.collect::<Vec<_>>()).unwrap();
+        BoundaryMap::through_sphere(domain, target).unwrap()
+    }
+
+    /// A map with a part out of order is sought again from its own map, and what is found is better and is taken.
+    #[test]
+    fn a_part_that_is_out_of_order_is_sought_again_from_its_own_map() {
+        let star = star();
+        let (none, options) = (Landmarks::none(), PairOptions::default());
+        let given = Given {
+            surfaces: [&star, &star],
+            landmarks: &none,
+            curves: &[],
+            options: &options,
+        };
+        let made = given.mapped(&|_| ControlFlow::<()>::Continue(()), |pair| {
+            let shapes: IntrinsicShapes = pair.intrinsic_shapes().expect("limbs are intrinsic shapes");
+            let as_given = PairOptions {
+                start: Some(squeezed(&star)),
+                improve: false,
+                ..options.clone()
+            };
+            let broken = PairMapping {
+                options: &as_given,
+                shapes: Some(&shapes),
+                ..pair
+            };
+            let first = broken.by_soft_targets(None)?.expect("a map is given");
+            assert!(first.is_out_of_order);
+            let energy = first.quality.energy;
+            let found = pair.by_refined_map(&first)?.expect("it can be refined");
+            let best = first.or_better(found);
+            assert!(
+                !best.is_out_of_order && best.quality.energy < 0.2 * energy,
+                "{:?}",
+                best.quality
+            );
+            Ok(best.maps)
+        });
+        let PairMaps { map, report, .. } = made.unwrap();
+        let kinds: Vec<PairStartKind> = report.starts.iter().map(|start| start.kind).collect();
+        assert_eq!(kinds, [PairStartKind::Given, PairStartKind::Refined]);
+        assert_eq!(report.start, 1);
+        // To itself, so that vertices go to themselves.
+        let errors = star.vertices().iter().zip(map.image()).map(|(p, q)| (p - q).norm());
+        let mean = errors.sum::<f64>() / star.vertices().len() as f64;
+        assert!(mean < 0.01 * star.diagonal(), "{mean}");
+    }
+}
