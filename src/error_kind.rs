@@ -8,7 +8,7 @@ use std::io;
 use crate::baseline::{BaselineError, MeanValueError};
 use crate::bijective::BijectiveError;
 use crate::boundary_map::check::BoundaryCheckError;
-use crate::boundary_map::pair::{AlignError, CurveError, LandmarkError, PairError};
+use crate::boundary_map::pair::{AlignError, ComponentsError, CurveError, LandmarkError, PairError};
 use crate::boundary_map::{BoundaryMapError, FundamentalDomainError};
 use crate::certificate::CertificateError;
 #[cfg(feature = "native")]
@@ -159,6 +159,7 @@ classified! {
     BoundaryCheckError { _ => ErrorKind::InvalidInput }
     AlignError { _ => ErrorKind::InvalidInput }
     LandmarkError { _ => ErrorKind::InvalidInput }
+    ComponentsError { _ => ErrorKind::InvalidInput }
     CurveError { _ => ErrorKind::InvalidInput }
     KernelError { _ => ErrorKind::InvalidInput }
     MeanValueError { _ => ErrorKind::InvalidInput }
@@ -256,6 +257,7 @@ classified! {
         Self::Align(_)
         | Self::Landmarks(_)
         | Self::Curves(_)
+        | Self::Components(_)
         | Self::Weight(_)
         | Self::Up
         | Self::UnequalGenus { .. }
@@ -264,8 +266,8 @@ classified! {
         | Self::Shells { .. }
         | Self::UnequalShells { .. }
         | Self::NoMatchingShells { .. }
-        | Self::NotWithShells { .. }
         | Self::LandmarksMissed { .. }
+        | Self::Start { .. }
         | Self::Boundary(_) => ErrorKind::InvalidInput,
     }
     SolveError {
@@ -380,7 +382,7 @@ classified! {
         Self::Torus(error) => error.error_kind(),
         Self::Hyperbolic(error) => error.error_kind(),
         Self::BoundaryMap(error) => error.error_kind(),
-        Self::NoEmbedding | Self::SeveralShells { .. } | Self::Option { .. } | Self::NoArea { .. } => {
+        Self::NoEmbedding | Self::Option { .. } | Self::NoArea { .. } => {
             ErrorKind::InvalidInput
         }
     }

@@ -2,7 +2,10 @@
 
 use nalgebra::Rotation3;
 use solidmap::boundary_map::check::{BijectivityVerdict, BoundaryCheckOptions, check};
-use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairReport, map_pair};
+use solidmap::boundary_map::pair::{
+    ComponentMismatch, ComponentsError, Landmarks, PairError, PairMethod, PairOptions, PairReport, map_pair,
+    map_pair_with_alternatives,
+};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError, ShellMap};
 use solidmap::check::ShellsError;
 use solidmap::files::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
@@ -188,6 +191,139 @@ fn landmarks_say_which_shell_goes_where() {
     assert!(matches!(torn, Err(PairError::NoMatchingShells { .. })));
 }
 
+/// Maps with the shells of the domain going where they are to go; checks the map, and returns the targets of all shells.
+fn mapped_by(
+    domain: &SurfaceMesh,
+    target: &SurfaceMesh,
+    components: &[[usize; 2]],
+    aligned: bool,
+) -> (BoundaryMap, Vec<usize>) {
+    let options = PairOptions {
+        components: components.to_vec(),
+        aligned,
+        ..PairOptions::default()
+    };
+    let (map, report) = map_pair(domain, target, &options, &|_| ()).unwrap();
+    let checked = check(&map, Some(target), &BoundaryCheckOptions::default(), None).unwrap();
+    assert_eq!(checked.verdict, BijectivityVerdict::Bijective, "{checked}");
+    assert!(!report.looks_wrong(), "{report:?}");
+    // Of a similarity, the energy is that of its scale, 4 for none.
+    for (k, shell) in report.shells.iter().enumerate() {
+        let own = &map.shells().unwrap()[k].map;
+        let scale = own.target_surface().unwrap().area() / own.domain().area();
+        let p99 = shell.distortion.symmetric_dirichlet.p99;
+        assert!(p99 < 1.3 * 2.0 * (scale + 1.0 / scale), "{p99}");
+    }
+    (map, report.shells.iter().map(|shell| shell.target).collect())
+}
+
+#[test]
+fn components_go_where_they_are_told() {
+    let parts = [
+        ball([0.0; 3], [0.5, 0.4, 0.6]),
+        ball([2.0, 0.0, 0.0], [0.5, 0.4, 0.6]),
+        ball([4.0, 0.0, 0.0], [0.5, 0.4, 0.6]),
+    ];
+    let solid = joined_all(&parts);
+    for aligned in [false, true] {
+        assert_eq!(mapped_by(&solid, &solid, &[], aligned).1, [0, 1, 2]);
+        assert_eq!(mapped_by(&solid, &solid, &[[1, 1]], aligned).1, [0, 1, 2]);
+        let (map, targets) = mapped_by(&solid, &solid, &[[0, 2], [2, 1]], aligned);
+        assert_eq!(targets, [2, 0, 1]);
+        // What is left is matched, and exchanged.
+        assert_eq!(mapped_by(&solid, &solid, &[[1, 1], [2, 0]], aligned).1, [2, 1, 0]);
+        if aligned {
+            // In the same pose, the true map is a translation.
+            let of_shell = solid.vertices().len() / 3;
+            let shift = |v: usize| Vector::x() * [4.0, -2.0, -2.0][v / of_shell];
+            let images = solid.vertices().iter().enumerate().map(|(v, p)| p + shift(v));
+            let off = crate::common::largest_distance(map.image(), &images.collect::<Vec<Point>>());
+            assert!(off < 0.02 * map.target_diagonal(), "{off}");
+        }
+    }
+}
+
+/// Two equal cavities, of which either could be the other one's image, if the shell around them is turned.
+#[test]
+fn cavities_go_where_they_are_told_and_turn_what_is_around_them() {
+    let cavity = |x: f64| ball([x, 0.0, 0.0], [0.2; 3]).reversed();
+    let solid = joined_all(&[ball([0.0; 3], [1.0, 0.8, 0.6]), cavity(0.5), cavity(-0.5)]);
+    assert_eq!(mapped_by(&solid, &solid, &[[1, 1]], false).1, [0, 1, 2]);
+    let (map, targets) = mapped_by(&solid, &solid, &[[1, 2]], false);
+    assert_eq!(targets, [0, 2, 1]);
+    // The outer shell is turned such that the cavity goes where it is to be.
+    let nearest = |p: Point| {
+        let distance = |v: &usize| (solid.vertices()[*v] - p).norm();
+        (0..162).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+    };
+    let image = map.image()[nearest(Point::new(1.0, 0.0, 0.0))];
+    assert!(image.x < -0.9, "{image}");
+    // A cavity told to go to one of another solid takes the shells around it along.
+    let other = deformed(&solid, |p| p + 3.0 * Vector::y());
+    let both = joined(&solid, &other);
+    let aligned = mapped_by(&both, &both, &[[2, 5]], true).1;
+    assert_eq!(aligned, [3, 4, 5, 0, 1, 2]);
+}
+
+/// The outer shell cannot be turned so that they come to lie there: the map of a cavity must still be a good one.
+#[test]
+fn cavities_that_are_told_to_go_elsewhere_are_not_distorted() {
+    let outer = ball([0.0; 3], [2.0, 0.5, 0.5]);
+    let uneven = deformed(&outer, |p| {
+        Point::new(p.x, p.y * (1.0 + 0.3 * p.x), p.z * (1.0 + 0.3 * p.x))
+    });
+    let cavity = |x: f64, radius: f64| ball([x, 0.0, 0.0], [radius, 0.8 * radius, 0.8 * radius]).reversed();
+    let solid = joined_all(&[uneven, cavity(1.2, 0.3), cavity(-1.0, 0.2)]);
+    let (_, targets) = mapped_by(&solid, &solid, &[[2, 1]], false);
+    assert_eq!(targets, [0, 2, 1]);
+}
+
+#[test]
+fn components_that_cannot_go_where_they_are_told_are_refused() {
+    let hollow = joined(
+        &shapes::spherical_shell(1.0, 0.4, 2),
+        &deformed(&shapes::torus(0.5, 0.1, 16, 8), |p| p + 3.0 * Vector::x()),
+    );
+    let with = |components: &[[usize; 2]]| PairOptions {
+        components: components.to_vec(),
+        ..PairOptions::default()
+    };
+    let refused = |components: &[[usize; 2]]| match map_pair(&hollow, &hollow, &with(components), &|_| ()) {
+        Err(PairError::Components(error)) => error,
+        other => panic!("{:?}", other.map(|(_, report)| report)),
+    };
+    let (side, shells) = ("domain", 3);
+    assert_eq!(
+        refused(&[[3, 0]]),
+        ComponentsError::OutOfRange { side, shell: 3, shells }
+    );
+    let others = [1, 0];
+    assert_eq!(
+        refused(&[[1, 1], [1, 0]]),
+        ComponentsError::Duplicate { side, shell: 1, others }
+    );
+    let mismatch = |error| match error {
+        ComponentsError::Mismatch { mismatch, .. } => mismatch,
+        error => panic!("{error}"),
+    };
+    let is_cavity = true;
+    assert_eq!(mismatch(refused(&[[1, 0]])), ComponentMismatch::Kind { is_cavity });
+    let (domain, target) = (0, 1);
+    assert_eq!(
+        mismatch(refused(&[[0, 2]])),
+        ComponentMismatch::Genus { domain, target }
+    );
+    // Solids of one shell have a shell, too.
+    let solid = shapes::sphere(1.0, 2);
+    assert!(map_pair(&solid, &solid, &with(&[[0, 0]]), &|_| ()).is_ok());
+    let error = map_pair(&solid, &solid, &with(&[[0, 1]]), &|_| ())
+        .map(|_| ())
+        .unwrap_err();
+    let (side, shells) = ("target", 1);
+    assert_eq!(error, ComponentsError::OutOfRange { side, shell: 1, shells }.into());
+    assert!(error.to_string().contains("no shell 1 in the target"), "{error}");
+}
+
 #[test]
 fn shells_that_do_not_match_are_refused() {
     let pair = |domain: &SurfaceMesh, target: &SurfaceMesh| {
@@ -214,13 +350,115 @@ fn shells_that_do_not_match_are_refused() {
             error: ShellsError::Overlap { components: [0, 1] }
         }
     ));
-    let start = Some(BoundaryMap::new(hollow.clone(), hollow.vertices().to_vec()).unwrap());
-    let options = PairOptions {
-        start,
+    let ring = shapes::torus(3.0, 1.0, 24, 12);
+    let held = joined(&hollow, &deformed(&ring, |p| p + 9.0 * Vector::x()));
+    let from = |start: &SurfaceMesh| PairOptions {
+        start: Some(BoundaryMap::new(start.clone(), start.vertices().to_vec()).unwrap()),
         ..PairOptions::default()
     };
-    let refused = map_pair(&hollow, &hollow, &options, &|_| ()).map(|_| ()).unwrap_err();
-    assert!(matches!(refused, PairError::NotWithShells { .. }));
+    let refused = map_pair(&held, &held, &from(&held), &|_| ()).map(|_| ()).unwrap_err();
+    let option = "a map to start from";
+    let error = Box::new(PairError::NotWithHandles { option, genus: 1 });
+    assert_eq!(refused, PairError::Shell { shell: 2, error });
+    let refused = map_pair(&hollow, &hollow, &from(&solid), &|_| ())
+        .map(|_| ())
+        .unwrap_err();
+    let [vertices, expected] = [&solid, &hollow].map(|surface| surface.vertices().len());
+    assert_eq!(refused, PairError::Start { vertices, expected });
+}
+
+/// An ellipsoid maps to itself in four ways by its symmetry, and a cavity in its middle follows each.
+#[test]
+fn other_maps_change_an_outer_shell_and_what_is_inside() {
+    let outer = ball([0.0; 3], [1.0, 0.75, 0.55]);
+    let cavity = ball([0.0; 3], [0.4, 0.3, 0.2]).reversed();
+    let far = ball([4.0, 0.0, 0.0], [0.6; 3]);
+    let solid = joined_all(&[outer, cavity, far]);
+    let options = PairOptions {
+        alternatives: 2,
+        ..PairOptions::default()
+    };
+    let found = map_pair_with_alternatives(&solid, &solid, &options, &|_| ()).unwrap();
+    let (first, _) = map_pair(&solid, &solid, &PairOptions::default(), &|_| ()).unwrap();
+    assert_eq!(found.map, first);
+    assert!(!found.alternatives.is_empty());
+    assert_eq!(found.alternatives.len(), found.report.alternatives.len());
+    for (other, about) in found.alternatives.iter().zip(&found.report.alternatives) {
+        let checked = check(other, Some(&solid), &BoundaryCheckOptions::default(), None).unwrap();
+        assert_eq!(checked.verdict, BijectivityVerdict::Bijective, "{checked}");
+        // The other outer shell stays, and the cavity goes with the shell around it.
+        let changed = about.shell.unwrap();
+        let shells = other.shells().unwrap().iter().zip(first.shells().unwrap());
+        let is_other: Vec<bool> = shells.map(|(own, first)| own.map != first.map).collect();
+        assert_eq!(
+            is_other,
+            if changed == 0 {
+                [true, true, false]
+            } else {
+                [false, false, true]
+            }
+        );
+        let distances = other.image().iter().zip(first.image()).map(|(p, q)| (p - q).norm());
+        let mean = distances.sum::<f64>() / first.image().len() as f64 / first.target_diagonal();
+        assert!((about.distance / mean - 1.0).abs() < 1e-9 && mean > 0.01, "{about:?}");
+    }
+}
+
+#[test]
+fn shells_start_from_their_parts_of_a_map() {
+    let parts = hollow();
+    let domain = joined_all(&parts);
+    let [a, b, c, d] = [0, 1, 2, 3].map(|k| deformed(&parts[k], bent_and_turned));
+    let target = joined_all(&[c, d, a, b]);
+    let first = PairOptions {
+        improve: false,
+        ..PairOptions::default()
+    };
+    let (start, before) = map_pair(&domain, &target, &first, &|_| ()).unwrap();
+    let targets = |report: &PairReport| -> Vec<usize> { report.shells.iter().map(|shell| shell.target).collect() };
+    assert_eq!(targets(&before), [2, 3, 0, 1]);
+    let from = |start: &BoundaryMap, improve: bool| {
+        let options = PairOptions {
+            start: Some(start.clone()),
+            improve,
+            ..PairOptions::default()
+        };
+        map_pair(&domain, &target, &options, &|_| ()).unwrap()
+    };
+    // Its own embeddings are what each shell starts from.
+    let (same, _) = from(&start, false);
+    assert!(crate::common::largest_distance(same.image(), start.image()) < 1e-9);
+    let (map, after) = from(&start, true);
+    assert_eq!(targets(&after), [2, 3, 0, 1]);
+    assert!(after.after.mean_symmetric_dirichlet <= before.after.mean_symmetric_dirichlet);
+    assert!(error(&map, bent_and_turned) < 0.05);
+    // The images of vertices are enough, and say which shell goes where.
+    let straight = BoundaryMap::new(domain.clone(), map.image().to_vec()).unwrap();
+    let (map, after) = from(&straight, true);
+    assert_eq!(targets(&after), [2, 3, 0, 1]);
+    assert!(error(&map, bent_and_turned) < 0.05);
+}
+
+#[test]
+fn a_start_says_which_shell_goes_where_unless_components_do() {
+    let parts = [0.0, 2.0].map(|x| ball([x, 0.0, 0.0], [0.5, 0.4, 0.6]));
+    let solid = joined_all(&parts);
+    let (swapped, targets) = mapped_by(&solid, &solid, &[[0, 1]], true);
+    assert_eq!(targets, [1, 0]);
+    for components in [vec![], vec![[1, 1]]] {
+        let is_swapped = components.is_empty();
+        let options = PairOptions {
+            start: Some(swapped.clone()),
+            components,
+            ..PairOptions::default()
+        };
+        let (map, report) = map_pair(&solid, &solid, &options, &|_| ()).unwrap();
+        let targets: Vec<usize> = report.shells.iter().map(|shell| shell.target).collect();
+        assert_eq!(targets, if is_swapped { [1, 0] } else { [0, 1] });
+        let expected = if is_swapped { swapped.image() } else { solid.vertices() };
+        let off = crate::common::largest_distance(map.image(), expected);
+        assert!(off < 0.02 * map.target_diagonal(), "{off}");
+    }
 }
 
 #[test]

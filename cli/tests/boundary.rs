@@ -515,12 +515,17 @@ fn a_hollow_solid_is_mapped_to_another_with_all_that_is_written() {
         words.contains("One to one with the target, decided exactly") && words.contains("shell by shell"),
         "{words}"
     );
-    let words = text(
-        &place
-            .ends_with(2, "boundary improve way.safetensors -o better.ply")
-            .stderr,
-    );
-    assert!(words.contains("3 shells"), "{words}");
+    // It is started from, and made better for the inside.
+    let line = "boundary pair domain.obj target.obj -o i.ply --start way.safetensors --no-improve --json";
+    let started = place.report(0, line);
+    assert_eq!(started["shells"][2]["target"], 1);
+    assert_eq!(started["starts"][0]["kind"], "given");
+    let line = "boundary improve way.safetensors -o better.ply --boundary better.safetensors --rounds 4 --json";
+    let improved = place.report(0, line);
+    let energies = improved["energies"].as_array().unwrap();
+    assert!(energies.len() > 1, "{improved}");
+    let words = text(&place.ends_with(0, "boundary check better.safetensors").stdout);
+    assert!(words.contains("One to one with the target, decided exactly"), "{words}");
 
     place.ends_with(0, "fit --boundary way.safetensors -o stored.map --tolerance 0.01");
     place.ends_with(0, "fit domain.obj --target target.obj -o direct.map --tolerance 0.01");
@@ -536,12 +541,16 @@ fn a_hollow_solid_is_mapped_to_another_with_all_that_is_written() {
     let off = report["mesh_to_target"]["max"].as_f64().unwrap();
     assert!(off < 0.05, "{off}");
 
-    let words = text(
-        &place
-            .ends_with(2, "boundary pair domain.obj domain.obj -o image.ply --alternatives 1")
-            .stderr,
+    let report = place.report(
+        0,
+        "boundary pair domain.obj domain.obj -o image.ply --alternatives 1 --json",
     );
-    assert!(words.contains("several shells"), "{words}");
+    let written = report["written_alternatives"].as_array().unwrap();
+    assert_eq!(written.len(), report["alternatives"].as_array().unwrap().len());
+    for name in written {
+        assert!(place.path(name.as_str().unwrap()).exists());
+        assert_eq!(report["alternatives"][0]["shell"], 0);
+    }
     place.surface("solid.obj", &outer);
     let words = text(
         &place
@@ -552,6 +561,61 @@ fn a_hollow_solid_is_mapped_to_another_with_all_that_is_written() {
         words.contains("the domain has 3 shells (components and cavities) and the target 1"),
         "{words}"
     );
+}
+
+#[test]
+fn a_file_says_which_components_and_cavities_go_to_which() {
+    let place = Workplace::new();
+    let at = |x: f64| shapes::deformed(&shapes::sphere(1.0, 2), |p| Point::new(p.x + x, 1.2 * p.y, 0.7 * p.z));
+    let cavity = shapes::deformed(&shapes::sphere(0.3, 1), |p| Point::new(p.x + 3.1, p.y, p.z)).reversed();
+    let ring = shapes::deformed(&shapes::torus(1.0, 0.3, 16, 8), |p| Point::new(p.x + 9.0, p.y, p.z));
+    let parts = [at(3.0), cavity, at(6.0), ring];
+    let solid = parts.iter().fold(at(0.0), |whole, part| shapes::joined(&whole, part));
+    place.surface("solid.obj", &solid);
+    // `check` tells the numbers by places.
+    let words = text(&place.ends_with(0, "check solid.obj").stdout);
+    for fragment in ["centre", "3.100, 0, 0  a cavity in 1", "9.000, 0, 0  a solid"] {
+        assert!(words.contains(fragment), "{fragment}: {words}");
+    }
+    let checked = place.report(0, "check solid.obj --json");
+    assert_eq!(checked["models"][0]["components"][3]["centre"][0], 6.0);
+
+    let targets = |report: &Value| -> Vec<u64> {
+        let shells = report["shells"].as_array().unwrap().iter();
+        shells.map(|shell| shell["target"].as_u64().unwrap()).collect()
+    };
+    let line = "boundary pair solid.obj solid.obj -o image.ply --boundary way.safetensors --aligned --json";
+    assert_eq!(targets(&place.report(0, line)), [0, 1, 2, 3, 4]);
+    std::fs::write(place.path("swap.txt"), "# balls\n3, 0\n").unwrap();
+    let report = place.report(0, &format!("{line} --components swap.txt"));
+    assert_eq!(targets(&report), [3, 1, 2, 0, 4]);
+    let file = files::read_boundary(&place.path("way.safetensors")).unwrap();
+    assert!(file.metadata.inputs.iter().any(|input| input.role == "components"));
+    place.ends_with(
+        0,
+        "fit solid.obj --target solid.obj --aligned --components swap.txt -o swapped.map --tolerance 0.05",
+    );
+    for (content, fragment) in [
+        ("3 0\n3\n", "line 2: found 1 number"),
+        ("0 5\n", "no shell 5 in the target: it has 5"),
+        (
+            "0 3\n3 3\n",
+            "shell 3 of the target is given twice, with shells 0 and 3 of the domain",
+        ),
+        ("0 4\n", "the first has genus 0 (handles), and the second genus 1"),
+        ("2 3\n", "the first bounds a cavity, and the second a solid"),
+        ("0 1\n", "no shell in the first, shell 2 in the second"),
+    ] {
+        std::fs::write(place.path("wrong.txt"), content).unwrap();
+        let output = place.ends_with(2, "boundary pair solid.obj solid.obj -o i.ply --components wrong.txt");
+        let words = text(&output.stderr);
+        assert!(
+            words.contains(fragment) && words.contains("wrong.txt"),
+            "{fragment}: {words}"
+        );
+    }
+    let output = place.ends_with(2, "fit solid.obj --target sphere -o i.map --components swap.txt");
+    assert!(text(&output.stderr).contains("--target MODEL"));
 }
 
 #[test]

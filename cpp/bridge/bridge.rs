@@ -104,6 +104,7 @@ pub(super) mod ffi {
         looks_wrong: bool,
         isometry_defect: f64,
         landmark_error: f64,
+        components: Vec<u32>,
         seconds: f64,
         warnings: Vec<String>,
     }
@@ -514,6 +515,7 @@ pub(super) mod ffi {
             domain: &Surface,
             target: &Surface,
             landmarks: &[u32],
+            components: &[u32],
             options: &PairOptions,
             watcher: &Watcher,
             report: &mut PairReport,

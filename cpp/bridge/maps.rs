@@ -118,6 +118,7 @@ pub fn boundary_pair(
     domain: &Surface,
     target: &Surface,
     landmarks: &[u32],
+    components: &[u32],
     options: &ffi::PairOptions,
     watcher: &Watcher,
     report: &mut ffi::PairReport,
@@ -126,6 +127,7 @@ pub fn boundary_pair(
         let pairs = whole::<u32, 2>("vertices of landmarks", landmarks)?.to_vec();
         let landmarks = Landmarks::new(pairs, domain.0.vertices().len(), target.0.vertices().len())
             .map_err(|error| Error::invalid(error.to_string()))?;
+        let components = whole::<u32, 2>("components", components)?;
         let up = [options.domain_up, options.target_up].map(Vector::from);
         let options = PairOptions {
             method: if options.conformal {
@@ -135,6 +137,7 @@ pub fn boundary_pair(
             },
             landmarks,
             landmarks_weight: (options.landmarks_weight != 0.0).then_some(options.landmarks_weight),
+            components: components.iter().map(|pair| pair.map(|shell| shell as usize)).collect(),
             up: (up != [Vector::zeros(); 2]).then_some(up),
             most_stretched: options.most_stretched,
             aligned: options.aligned,
@@ -153,6 +156,7 @@ pub fn boundary_pair(
             looks_wrong: found.looks_wrong(),
             isometry_defect: found.isometry_defect.unwrap_or(f64::NAN),
             landmark_error: found.landmark_error,
+            components: found.shells.iter().map(|shell| shell.target as u32).collect(),
             seconds: found.timings.total,
             warnings: found.warnings,
         };

@@ -31,11 +31,11 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
                               const ProgressCallback& progress, PairReport* report) {
   ffi::PairReport found = {};
   BoundaryMap map = watched(progress, [&](const Watcher& watcher) {
-    const Span<const std::array<std::uint32_t, 2>> landmarks(options.landmarks);
+    const Span<const std::array<std::uint32_t, 2>> landmarks(options.landmarks), components(options.components);
     const ffi::PairOptions how = {options.conformal, options.landmarks_weight, options.domain_up, options.target_up,
                                   options.most_stretched, options.aligned, options.improve};
     return make_boundary(
-        ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), how, watcher, found));
+        ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), flat(components), how, watcher, found));
   });
   if (report != nullptr) {
     report->angle_median = found.angle_median;
@@ -46,6 +46,7 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
     report->looks_wrong = found.looks_wrong;
     report->isometry_defect = found.isometry_defect;
     report->landmark_error = found.landmark_error;
+    report->components.assign(found.components.begin(), found.components.end());
     report->seconds = found.seconds;
     report->warnings = copied(found.warnings);
   }

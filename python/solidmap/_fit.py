@@ -41,6 +41,7 @@ def fit(
     landmarks: Any = None,
     landmarks_weight: Optional[float] = None,
     landmark_curves: Union[PathLike, Sequence[Tuple[Sequence[int], Sequence[int]]]] = (),
+    components: Any = None,
     start: Optional[BoundaryMap] = None,
     domain_up: Optional[Up] = None,
     target_up: Optional[Up] = None,
@@ -93,7 +94,7 @@ def fit(
         Largest boundary error to reach anywhere, as a multiple of the spacing of the image's vertices around.
     bijective : bool
         Also make the one-to-one map (:meth:`Map.make_bijective`), over the tetrahedra of ``surface`` if it has any.
-    landmarks, landmarks_weight, landmark_curves, start, domain_up, target_up, max_stretched, via, aligned, no_improve
+    landmarks, landmarks_weight, landmark_curves, components, start, domain_up, target_up, max_stretched, via, aligned, no_improve
         With ``target``: as for :func:`solidmap.boundary.pair`.
     paper : bool
         Start from the settings of Li et al. 2007.
@@ -144,6 +145,7 @@ def fit(
         landmarks,
         landmarks_weight,
         landmark_curves,
+        components,
         domain_up,
         target_up,
         max_stretched,
@@ -161,7 +163,12 @@ def fit(
         )
     onto = target if isinstance(target, str) and target in ("sphere", "torus") else None
     if given != ["target"] or onto is not None:
-        for name, value in (("landmarks", landmarks), ("start", start), ("domain_up", domain_up)):
+        for name, value in (
+            ("landmarks", landmarks),
+            ("components", components),
+            ("start", start),
+            ("domain_up", domain_up),
+        ):
             if value is not None:
                 raise InvalidInputError(f"{name} says how a solid is mapped to another: it needs target=MODEL")
     if surface is None and boundary is None:

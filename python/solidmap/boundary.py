@@ -340,6 +340,7 @@ def _pair_arguments(
     landmarks: Any,
     landmarks_weight: Optional[float],
     landmark_curves: Any,
+    components: Any,
     domain_up: Optional[str],
     target_up: Optional[str],
     max_stretched: float,
@@ -365,7 +366,7 @@ def _pair_arguments(
             ) from None
         name = f"landmark_curves[{index}]"
         curves.append(([options.count(name, v) for v in first], [options.count(name, v) for v in second]))
-    is_file = inputs.is_path(landmarks)
+    is_file, are_named = inputs.is_path(landmarks), inputs.is_path(components)
     share = options.number("max_stretched", max_stretched)
     if not 0.0 <= share <= 1.0:
         raise InvalidInputError(f"max_stretched is {share}, but must be a share from 0 to 1")
@@ -378,6 +379,8 @@ def _pair_arguments(
         "landmarks_weight": weight,
         "landmark_curves": curves,
         "landmark_curves_file": os.fspath(landmark_curves) if inputs.is_path(landmark_curves) else None,
+        "components": [] if are_named or components is None else inputs.indices("components", components, (2,)).tolist(),
+        "components_file": inputs.path("components", components) if are_named else None,
         "up": up,
         "max_stretched": share,
         "via": options.choice("via", via, ["targets", "conformal"]),
@@ -388,7 +391,7 @@ def _pair_arguments(
 
 
 def _files(arguments: Dict[str, Any]) -> Roles:
-    files = [(role, arguments[f"{role}_file"]) for role in ("landmarks", "landmark_curves")]
+    files = [(role, arguments[f"{role}_file"]) for role in ("landmarks", "landmark_curves", "components")]
     return [(role, file) for role, file in files if file is not None]
 
 
@@ -399,6 +402,7 @@ def pair(
     landmarks: Any = None,
     landmarks_weight: Optional[float] = None,
     landmark_curves: Union[PathLike, Sequence[Tuple[Sequence[int], Sequence[int]]]] = (),
+    components: Any = None,
     start: Optional[BoundaryMap] = None,
     domain_up: Optional[Up] = None,
     target_up: Optional[Up] = None,
@@ -416,7 +420,7 @@ def pair(
     ----------
     domain, target : surface
         Closed, with as many handles, components and cavities. With handles there are no landmarks, curves or starts, and with
-        one no axes; with several components or cavities no starts and no alternatives.
+        one no axes.
     landmarks : array_like of integers, shape (k, 2), or the name of a file, optional
         Vertices of the domain that go to vertices of the target.
     landmarks_weight : float, optional
@@ -424,8 +428,13 @@ def pair(
         mean distortion that is higher by so many percent.
     landmark_curves : sequence of pairs of paths, or the name of a file, optional
         Paths along edges of the domain that are to go to paths on the target, as lists of vertices.
+    components : array_like of integers, shape (k, 2), or the name of a file, optional
+        Components and cavities of the domain that go to given ones of the target, by their indices in
+        ``solidmap.check(...).components``. Those that are not named find their partners by what they lie in, their handles, place
+        and size.
     start : BoundaryMap, optional
-        A map of the same domain to start from: it is improved, and nothing else is sought.
+        A map of the same domain to start from: it is improved, and nothing else is sought. Components and cavities go
+        where it takes them.
     domain_up, target_up : {"x", "y", "z", "-x", "-y", "-z"}, optional
         Axes that roughly correspond.
     max_stretched : float
@@ -460,6 +469,7 @@ def pair(
         landmarks,
         landmarks_weight,
         landmark_curves,
+        components,
         domain_up,
         target_up,
         max_stretched,

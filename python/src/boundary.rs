@@ -396,6 +396,8 @@ pub struct PairArguments {
     landmarks_weight: Option<f64>,
     landmark_curves: Vec<(Vec<u32>, Vec<u32>)>,
     landmark_curves_file: Option<PathBuf>,
+    components: Vec<[usize; 2]>,
+    components_file: Option<PathBuf>,
     up: Option<[[f64; 3]; 2]>,
     max_stretched: f64,
     via: String,
@@ -434,6 +436,10 @@ pub fn boundary_pair(
                 given.map(|(domain, target)| LandmarkCurve { domain, target }).collect()
             }
         };
+        let components = match &arguments.components_file {
+            Some(file) => files::read_components(file)?,
+            None => arguments.components,
+        };
         let options = PairOptions {
             method: match arguments.via.as_str() {
                 "conformal" => PairMethod::Conformal,
@@ -442,6 +448,7 @@ pub fn boundary_pair(
             landmarks,
             landmarks_weight: arguments.landmarks_weight,
             curves,
+            components,
             up: arguments.up.map(|up| up.map(Vector::from)),
             start,
             alternatives: arguments.alternatives,

@@ -156,6 +156,33 @@ def test_shells_are_mapped_one_by_one(ball, tmp_path):
         solidmap.boundary.pair(hollow, ball)
 
 
+def test_components_go_where_they_are_told(ball, tmp_path):
+    count = len(ball.points)
+    balls = (np.vstack([ball.points, ball.points + [4, 0, 0]]), np.vstack([ball.faces, ball.faces + count]))
+    places = [component["centre"][0] for component in solidmap.check(balls).components]
+    assert np.allclose(places, [0, 4])
+
+    def targets(**arguments):
+        pair = solidmap.boundary.pair(balls, balls, aligned=True, **arguments)
+        return pair, [shell["target"] for shell in pair.report.shells]
+
+    assert targets()[1] == [0, 1]
+    pair, found = targets(components=[[0, 1]])
+    assert found == [1, 0]
+    assert np.allclose(pair.images[:count], ball.points + [4, 0, 0], atol=0.05)
+    (tmp_path / "swap.txt").write_text("# domain target\n1 0\n")
+    by_file, found = targets(components=tmp_path / "swap.txt")
+    assert found == [1, 0] and np.array_equal(by_file.images, pair.images)
+    onto = solidmap.fit(balls, target=balls, aligned=True, components=[[0, 1]], tolerance=1e-2)
+    assert np.allclose(onto([[0, 0, 0]]), [[4, 0, 0]], atol=0.1)
+    with pytest.raises(solidmap.InvalidInputError, match="no shell 2 in the target"):
+        targets(components=[[0, 2]])
+    with pytest.raises(solidmap.InvalidInputError, match="given twice"):
+        targets(components=[[0, 1], [1, 1]])
+    with pytest.raises(solidmap.InvalidInputError, match="needs target=MODEL"):
+        solidmap.fit(balls, target="sphere", components=[[0, 1]])
+
+
 def test_landmarks_are_met():
     box, ball = solidmap.shapes.cube(2.0, 6), solidmap.shapes.sphere(levels=2)
     landmarks = [[0, 5], [6, 40], [48, 100]]

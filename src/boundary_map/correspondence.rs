@@ -328,6 +328,22 @@ impl BoundaryMap {
         self.shell_maps().map(ShellMaps::maps)
     }
 
+    /// The vertices of the domain's shells, before subdivision, in the order of those of the shells' own surfaces; `None` unless the map
+    /// was made of maps of shells.
+    pub(crate) fn shell_vertices(&self) -> Option<Vec<Vec<u32>>> {
+        self.shell_maps().map(ShellMaps::vertices)
+    }
+
+    /// The map of the same shells, before subdivision, by other maps between them; `None` unless it was made of such.
+    ///
+    /// # Errors
+    ///
+    /// When these are not maps between the same surfaces.
+    pub(crate) fn with_shell_maps(&self, maps: &[Self]) -> Option<Result<Self, BoundaryMapError>> {
+        let shells = self.shell_maps()?;
+        Some(shells.with_maps(maps).and_then(Self::by_shell_maps))
+    }
+
     /// The spherical embedding of the domain before subdivision; `None` unless the map goes onto or through the sphere.
     pub fn domain_embedding(&self) -> Option<&SphericalEmbedding> {
         self.composition()?.domain().as_sphere()

@@ -124,6 +124,46 @@ impl ShellMaps {
         })
     }
 
+    /// The same shells with other maps between them, before subdivision.
+    ///
+    /// # Errors
+    ///
+    /// When these are not maps between the same surfaces.
+    pub fn with_maps(&self, maps: &[BoundaryMap]) -> Result<Self, BoundaryMapError> {
+        fn surfaces(map: &BoundaryMap) -> Option<[&SurfaceMesh; 2]> {
+            let composition = map.composition()?;
+            Some([composition.domain().surface(), composition.target()?.surface()])
+        }
+        let is_same =
+            |(own, map): (&ShellMap, &BoundaryMap)| map.subdivisions() == 0 && surfaces(&own.map) == surfaces(map);
+        if maps.len() != self.maps.len() || !self.maps.iter().zip(maps).all(is_same) {
+            let problem = "the maps are not those of the same shells".into();
+            return Err(BoundaryMapError::Shells { problem });
+        }
+        let maps = self.maps.iter().zip(maps).map(|(own, map)| ShellMap {
+            target: own.target,
+            map: map.clone(),
+        });
+        Ok(Self {
+            maps: Arc::new(maps.collect()),
+            sides: self.sides.clone(),
+            subdivisions: 0,
+        })
+    }
+
+    /// The vertices of each shell of the domain before subdivision, ascending, as those of its own surface.
+    pub fn vertices(&self) -> Vec<Vec<u32>> {
+        let side = &self.sides[0];
+        let of_shell = |(triangles, _): &(Vec<u32>, bool)| {
+            let corners = triangles.iter().flat_map(|&t| side.surface.triangles()[t as usize]);
+            let mut vertices: Vec<u32> = corners.collect();
+            vertices.sort_unstable();
+            vertices.dedup();
+            vertices
+        };
+        side.shells.iter().map(of_shell).collect()
+    }
+
     pub fn maps(&self) -> &[ShellMap] {
         &self.maps
     }

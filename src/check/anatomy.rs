@@ -15,6 +15,8 @@ pub(super) struct Anatomy<'a> {
     pub components: Components,
     /// One per component.
     pub shells: Vec<Shell>,
+    /// Their boxes, one per component.
+    pub boxes: Vec<Aabb>,
     /// Pairs of shells that are partly inside each other, as far as the vertices looked at tell.
     pub overlaps: Vec<[usize; 2]>,
     /// Number of sound shells, when so many are within each other's boxes that their nesting is too costly to
@@ -80,6 +82,7 @@ impl<'a> Anatomy<'a> {
             orientation,
             components,
             shells,
+            boxes,
             overlaps,
             crowd,
         }

@@ -4,7 +4,7 @@ use super::text::{counted, label_of, write_ids, write_wrapped};
 use super::{CheckReport, ComponentKind, ComponentReport, Finding, SelfIntersections};
 
 /// Components listed one by one; the rest are counted.
-const LISTED: usize = 12;
+const LISTED: usize = 40;
 
 impl Display for CheckReport {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
@@ -97,19 +97,27 @@ impl CheckReport {
         }
         let columns = ["component", "triangles", "vertices", "genus", "area", "volume"];
         let [component, triangles, vertices, genus, area, volume] = columns;
+        // A single one needs no place to be known by.
+        let are_several = self.components.len() > 1;
+        let places = if are_several {
+            format!(" {:>32}", "centre")
+        } else {
+            String::new()
+        };
         writeln!(
             f,
-            "\n  {component:>9} {triangles:>10} {vertices:>10} {genus:>6} {area:>11} {volume:>11}  bounds"
+            "\n  {component:>9} {triangles:>10} {vertices:>10} {genus:>6} {area:>11} {volume:>11}{places}  bounds"
         )?;
         for (number, component) in self.components.iter().take(LISTED).enumerate() {
             writeln!(
                 f,
-                "  {number:>9} {:>10} {:>10} {:>6} {:>11} {:>11}  {}",
+                "  {number:>9} {:>10} {:>10} {:>6} {:>11} {:>11}{}  {}",
                 component.faces,
                 component.vertices,
                 component.genus.map_or("-".to_string(), |genus| genus.to_string()),
                 short(component.area),
                 component.volume.map_or("-".to_string(), short),
+                if are_several { place(component) } else { String::new() },
                 bounds(component)
             )?;
         }
@@ -118,6 +126,13 @@ impl CheckReport {
             more => writeln!(f, "  ... and {more} more"),
         }
     }
+}
+
+fn place(component: &ComponentReport) -> String {
+    let centre = component
+        .centre
+        .map_or("-".to_string(), |centre| centre.map(short).join(", "));
+    format!(" {centre:>32}")
 }
 
 fn bounds(component: &ComponentReport) -> String {

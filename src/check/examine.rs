@@ -91,13 +91,17 @@ fn signed_volume(shell: &Shell) -> f64 {
 fn component_reports(anatomy: &Anatomy) -> Vec<ComponentReport> {
     let shells = anatomy.components.shapes.iter().zip(&anatomy.shells);
     shells
-        .map(|(shape, shell)| ComponentReport {
+        .zip(&anatomy.boxes)
+        .map(|((shape, shell), bounds)| ComponentReport {
             faces: shape.triangles,
             vertices: shape.vertices,
             euler_characteristic: shape.euler_characteristic(),
             genus: shape.genus().filter(|_| shell.is_sound),
             area: shell.area,
             volume: shell.is_sound.then_some(shell.volume),
+            centre: Some(nalgebra::center(&bounds.low, &bounds.high))
+                .filter(is_finite)
+                .map(|centre| centre.coords.into()),
             kind: match shell {
                 _ if !shell.is_sound => ComponentKind::NotAShell,
                 _ if shell.is_cavity() => ComponentKind::Cavity,

@@ -85,6 +85,8 @@ pub struct ComponentReport {
     /// Volume it encloses, positive when it faces outward, after making its orientation consistent by reversing as few
     /// triangles as possible. `None` when it encloses none.
     pub volume: Option<f64>,
+    /// Centre of its bounding box; `None` where that is not finite.
+    pub centre: Option<[f64; 3]>,
     /// What it bounds.
     pub kind: ComponentKind,
     /// How many other components enclose it: cavities lie at odd depth. `None` for [`ComponentKind::NotAShell`].

@@ -6,8 +6,9 @@
 
 use std::path::{Path, PathBuf};
 
+use super::number_rows::{NumberRow, read_number_rows};
 use crate::boundary_map::pair::{LandmarkError, Landmarks};
-use crate::io::{IoError, Place, read_bytes};
+use crate::io::IoError;
 
 /// Why landmarks cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -125,60 +126,17 @@ pub fn read_landmark_files(
     })
 }
 
-struct LandmarkRow<const N: usize> {
-    numbers: [u32; N],
-    /// Counted from 1.
-    line: usize,
-}
-
-fn read_rows<const N: usize>(path: &Path) -> Result<Vec<LandmarkRow<N>>, LandmarkFileError> {
-    let bytes = read_bytes(path)?;
-    // Bytes that are not UTF-8 are replaced by a character that is refused below.
-    let text = String::from_utf8_lossy(&bytes);
-    let mut rows = Vec::new();
-    for (k, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let content = line.split('#').next().unwrap_or_default();
-        let is_separator = |c: char| c.is_whitespace() || c == ',' || c == ';';
-        let words: Vec<&str> = content.split(is_separator).filter(|word| !word.is_empty()).collect();
-        if !words.is_empty() {
-            let numbers = numbers(&words).map_err(|found| IoError::Malformed {
-                path: path.to_owned(),
-                format: "landmark",
-                place: Place::Line(k + 1),
-                found,
-            })?;
-            rows.push(LandmarkRow { numbers, line: k + 1 });
-        }
-    }
-    if rows.is_empty() {
-        return Err(LandmarkFileError::Empty { path: path.to_owned() });
-    }
-    Ok(rows)
-}
-
-/// The `N` vertex numbers of a line, or what was found instead.
-fn numbers<const N: usize>(words: &[&str]) -> Result<[u32; N], String> {
+fn read_rows<const N: usize>(path: &Path) -> Result<Vec<NumberRow<N>>, LandmarkFileError> {
     let expected = if N == 1 {
         "one vertex number"
     } else {
         "two vertex numbers (of the domain and of the target)"
     };
-    let mut numbers = [0; N];
-    for (number, word) in numbers.iter_mut().zip(words) {
-        *number = word.parse().map_err(|_| {
-            let shown: String = word.chars().take(40).collect();
-            format!(
-                "found `{}`, but a line holds {expected}, counted from 0",
-                shown.escape_debug()
-            )
-        })?;
+    let rows = read_number_rows::<N>(path, "landmark", expected)?;
+    if rows.is_empty() {
+        return Err(LandmarkFileError::Empty { path: path.to_owned() });
     }
-    if words.len() == N {
-        Ok(numbers)
-    } else {
-        let found = if words.len() == 1 { "number" } else { "numbers" };
-        Err(format!("found {} {found}, but a line holds {expected}", words.len()))
-    }
+    Ok(rows)
 }
 
 /// The error with the file and the lines that the pairs of a side come from.

@@ -1,20 +1,23 @@
-//! solidmap's own files: maps, boundary maps, solid textures, landmarks and landmark curves; and fields of maps for
-//! ParaView.
+//! solidmap's own files: maps, boundary maps, solid textures, landmarks, landmark curves and pairs of components; and fields of maps
+//! for ParaView.
 //!
 //! Maps, boundary maps and textures are safetensors containers: named tensors, with a JSON object in the metadata.
-//! Landmarks are text.
+//! Landmarks and pairs of components are text.
 
 mod boundary;
 mod boundary_tensors;
+mod components;
 mod fields;
 mod landmark_curves;
 mod landmarks;
 mod map;
+mod number_rows;
 mod provenance;
 mod tensor_file;
 mod texture;
 
 pub use boundary::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
+pub use components::read_components;
 pub use fields::{
     attempt_fields, certificate_fields, energy_fields, write_boundary_fields, write_cell_means, write_fields,
     write_fit_fields,

@@ -12,24 +12,25 @@
 //! 3. Sweeps lower the sum over the places of the domain's vertices on the sphere, the flat torus or the hyperbolic surface.
 //!    No triangle is ever inverted there.
 //! 4. The new map is certified as a bijection and fitted, and replaces the one before if the energy of the volume has fallen.
+//!
+//! The shells of a solid with several, components and cavities, move in the same rounds: the energy of the volume couples them. Those of
+//! their surfaces are added by their areas in the domain.
 
+mod shell;
 mod volume;
 
-use rayon::prelude::*;
+use std::borrow::Cow;
 
-use crate::Point;
-use crate::boundary_map::sweep::{
-    HyperbolicTarget, Layout, ProximalTerm, SphereLayout, SphereTarget, Sweeper, TargetTorus, mean_energy,
-};
 use crate::boundary_map::{BoundaryMap, BoundaryMapError, SurfaceDistortion, triangle_distortions};
 use crate::energy::EnergyError;
 use crate::fit::{FitError, FitOptions, Phase};
-use crate::hyperbolic::{HyperbolicError, HyperbolicLayout};
-use crate::mesh::{SurfaceMesh, triangle_area};
+use crate::hyperbolic::HyperbolicError;
+use crate::mesh::triangle_area;
 use crate::progress::{ProgressControl, ProgressResponse};
-use crate::spherical::{RestShape, SphericalEmbedding, SphericalError};
+use crate::spherical::SphericalError;
 use crate::statistics::weighted_quantiles;
-use crate::toroidal::{PartialLayout, Periods, ToroidalEmbedding, ToroidalError};
+use crate::toroidal::ToroidalError;
+use shell::{ShellSlopes, ShellTarget, Sliding};
 use volume::{VolumeEnergy, VolumeMeasure};
 
 /// Sweeps in a round.
@@ -64,8 +65,8 @@ pub struct ImproveOptions {
     pub fit: FitOptions,
     /// Rounds at most. Each fits a map.
     pub most_rounds: usize,
-    /// How much the distortion of the surface may grow: its symmetric Dirichlet energy, in the mean and at 99.9 % of the area, over
-    /// those at the start.
+    /// How much the distortion of the surface, and of that of each shell, may grow: its symmetric Dirichlet energy, in the mean and at
+    /// 99.9 % of the area, over those at the start.
     pub most_distortion: f64,
 }
 
@@ -109,15 +110,6 @@ pub enum ImproveError {
          pair` does"
     )]
     NoEmbedding,
-    /// The map is of a solid with several shells.
-    #[error(
-        "the boundary map is of a solid of {shells} shells (components and cavities), and only maps of one can be improved; improve those \
-         of the shells, each as a model of its own"
-    )]
-    SeveralShells {
-        /// How many.
-        shells: usize,
-    },
     /// An option is out of range.
     #[error("`{option}` is {value}, but must be {range}")]
     Option {
@@ -204,7 +196,7 @@ pub struct ImproveReport {
 ///
 /// # Errors
 ///
-/// When the map is not one between two surfaces ([`ImproveError::NoEmbedding`]) of one shell each, cannot be fitted, or `progress` cancels.
+/// When the map is not one between two surfaces ([`ImproveError::NoEmbedding`]), cannot be fitted, or `progress` cancels.
 pub fn improve_boundary<R: ProgressResponse>(
     map: &BoundaryMap,
     options: &ImproveOptions,
@@ -217,45 +209,21 @@ pub fn improve_boundary<R: ProgressResponse>(
         "at least 1",
     )?;
     let progress = |phase| progress(phase).control();
+    let shells = map
+        .shells()
+        .map_or_else(|| vec![map], |shells| shells.iter().map(|shell| &shell.map).collect());
+    let targets: Vec<ShellTarget> = shells
+        .iter()
+        .map(|map| ShellTarget::new(map))
+        .collect::<Result<_, _>>()?;
+    let sliders = targets.iter().zip(&shells).map(|(target, map)| target.slider(map));
     let improvement = Improvement {
         options,
         progress: &progress,
-        subdivisions: map.subdivisions(),
+        given: map,
+        vertices: map.shell_vertices(),
     };
-    if let Some(domain) = map.domain_embedding() {
-        let target = map.target_embedding();
-        let through = |layout: &SphereLayout| {
-            let domain = SphericalEmbedding::new(domain.surface().clone(), &layout.directions)?;
-            Ok(match target {
-                Some(target) => BoundaryMap::through_sphere(domain, target.clone())?,
-                None => BoundaryMap::onto_sphere(domain)?,
-            })
-        };
-        let onto = SphereTarget::new(target);
-        improvement.improved(SphereLayout::new(domain), &onto, onto.scale, domain.surface(), &through)
-    } else if let Some([domain, target]) = map.torus_embeddings() {
-        let through = |layout: &PartialLayout| {
-            let positions: Vec<[f64; 2]> = layout.places.iter().map(|x| layout.periods.coordinates(x)).collect();
-            let domain = ToroidalEmbedding::new(domain.surface().clone(), &positions, domain.translations())?;
-            Ok(BoundaryMap::through_torus(domain, target.clone())?)
-        };
-        let periods = Periods::of_embedding(target);
-        let onto = TargetTorus::new(target, periods);
-        let layout = PartialLayout::of_embedding(domain, periods);
-        improvement.improved(layout, &onto, onto.scale, domain.surface(), &through)
-    } else if let Some([domain, target]) = map.hyperbolic_embeddings() {
-        let through = |layout: &HyperbolicLayout| {
-            let domain = domain.with_places(&layout.places)?;
-            Ok(BoundaryMap::through_hyperbolic_surface(domain, target.clone())?)
-        };
-        let onto = HyperbolicTarget::new(target.clone());
-        let layout = HyperbolicLayout::of_embedding(domain);
-        improvement.improved(layout, &onto, onto.scale, domain.surface(), &through)
-    } else if let Some(shells) = map.shells() {
-        Err(ImproveError::SeveralShells { shells: shells.len() })
-    } else {
-        Err(ImproveError::NoEmbedding)
-    }
+    improvement.improved(sliders.collect::<Result<_, _>>()?)
 }
 
 fn require(option: &'static str, value: f64, is_met: bool, range: &'static str) -> Result<(), ImproveError> {
@@ -268,29 +236,78 @@ fn require(option: &'static str, value: f64, is_met: bool, range: &'static str) 
 struct Improvement<'a> {
     options: &'a ImproveOptions,
     progress: &'a dyn Fn(ImprovePhase) -> ProgressControl,
-    subdivisions: u32,
+    given: &'a BoundaryMap,
+    /// The vertices of each shell, where there are several.
+    vertices: Option<Vec<Vec<u32>>>,
 }
 
 /// A map, and what counts of it.
-struct Measured<L> {
-    layout: L,
+struct Measured {
     map: BoundaryMap,
     volume: VolumeEnergy,
     surface: SurfaceDistortion,
     /// At 99.9 % of the area.
     distortion: f64,
+    /// Both for each shell, in the mean and at 99.9 % of its area: a small one counts for little in the whole.
+    of_shells: Vec<[f64; 2]>,
+}
+
+impl Measured {
+    fn new(map: BoundaryMap, volume: VolumeEnergy) -> Result<Self, ImproveError> {
+        let (surface, distortion) = distortions(&map)?;
+        let of_shells = match map.shells() {
+            Some(shells) => {
+                let found = shells.iter().map(|shell| distortions(&shell.map));
+                let found = found.map(|found| found.map(|(all, high)| [all.mean_symmetric_dirichlet, high]));
+                found.collect::<Result<_, _>>()?
+            }
+            None => vec![[surface.mean_symmetric_dirichlet, distortion]],
+        };
+        Ok(Self {
+            map,
+            volume,
+            surface,
+            distortion,
+            of_shells,
+        })
+    }
 }
 
 impl Improvement<'_> {
-    /// `scale` is that of the target's images.
-    fn improved<L: Layout + Clone>(
+    /// The maps of all shells as one, before subdivision.
+    fn whole(&self, shells: &[Box<dyn Sliding + '_>]) -> Result<BoundaryMap, ImproveError> {
+        let mut maps = shells.iter().map(|shell| shell.map()).collect::<Result<Vec<_>, _>>()?;
+        match self.given.with_shell_maps(&maps) {
+            Some(whole) => Ok(whole?),
+            None => maps.pop().ok_or(ImproveError::NoEmbedding),
+        }
+    }
+
+    /// Moves each of the shells, whose energies of the surface count by `shares`.
+    fn slide(
         &self,
-        layout: L,
-        target: &L::Target,
-        scale: f64,
-        domain: &SurfaceMesh,
-        through: &dyn Fn(&L) -> Result<BoundaryMap, ImproveError>,
-    ) -> Result<(BoundaryMap, ImproveReport), ImproveError> {
+        shells: &mut [Box<dyn Sliding + '_>],
+        shares: &[f64],
+        at: &Measured,
+        [weight, of_form]: [f64; 2],
+        go_on: &dyn Fn() -> Result<(), ImproveError>,
+    ) -> Result<(), ImproveError> {
+        for (k, (shell, share)) in shells.iter_mut().zip(shares).enumerate() {
+            let own = self.vertices.as_ref().map(|vertices| &vertices[k]);
+            let images = of_vertices(at.map.image(), own);
+            let slopes = of_vertices(&at.volume.slopes, own);
+            let slopes = ShellSlopes {
+                images: &images,
+                slopes: &slopes,
+                weight: weight / share,
+                of_form: of_form / share,
+            };
+            shell.slide(&slopes, go_on)?;
+        }
+        Ok(())
+    }
+
+    fn improved(&self, mut shells: Vec<Box<dyn Sliding + '_>>) -> Result<(BoundaryMap, ImproveReport), ImproveError> {
         let is_concluded = std::cell::Cell::new(false);
         let respond = |phase| {
             let control = (self.progress)(phase);
@@ -298,33 +315,26 @@ impl Improvement<'_> {
             control
         };
         let fitting = |phase| respond(ImprovePhase::Fitting(phase));
-        let map = through(&layout)?;
+        let map = self.whole(&shells)?;
         let (measure, volume) = VolumeMeasure::new(&map, &self.options.fit, &fitting)?;
-        let measured = |layout: L, map: BoundaryMap, volume: VolumeEnergy| {
-            let (surface, distortion) = distortions(&map)?;
-            Ok::<_, ImproveError>(Measured {
-                layout,
-                map,
-                volume,
-                surface,
-                distortion,
-            })
-        };
-        let mut best = measured(layout, map, volume)?;
-        let (before, start) = (best.surface, best.distortion);
+        let mut best = Measured::new(map, volume)?;
+        let (before, start, of_shells) = (best.surface, best.distortion, best.of_shells.clone());
         let first_error = best.volume.boundary_error;
         let mut energies = vec![best.volume.harmonic];
-        let form = BoundaryForm::new(domain, &best.layout);
-        let points = domain.vertices();
-        let area = best.layout.area_scale(points) * domain.area();
-        let surface = mean_energy(&best.layout, target, points, CUTS, SOFTNESS, f64::INFINITY);
+        // The energy of each surface is that of a layout of a fixed area, and counts by the area of its shell.
+        let scales: Vec<f64> = shells.iter().map(|shell| shell.area_scale()).collect();
+        let shares: Vec<f64> = scales.iter().map(|scale| scales[0] / scale).collect();
+        let surface: f64 = shells
+            .iter()
+            .zip(&shares)
+            .map(|(shell, share)| share * shell.energy())
+            .sum();
         // Both energies count for the same at first.
-        let mut steps = Steps::new(area * surface / best.volume.harmonic);
-        let mut sweeper = Sweeper::new(target, &best.layout, points, CUTS, SOFTNESS);
+        let mut steps = Steps::new(surface / best.volume.harmonic);
         let most = self.options.most_distortion;
-        let is_within = |found: &Measured<L>| {
-            found.distortion <= most * start
-                && found.surface.mean_symmetric_dirichlet <= most * before.mean_symmetric_dirichlet
+        let is_within = |found: &Measured| {
+            let mut pairs = found.of_shells.iter().flatten().zip(of_shells.iter().flatten());
+            pairs.all(|(found, start)| *found <= most * start)
         };
         let mut rounds = 0;
         let end = loop {
@@ -346,26 +356,22 @@ impl Improvement<'_> {
                 ProgressControl::Continue | ProgressControl::Conclude => Ok(()),
             };
             moving()?;
-            let mut layout = best.layout.clone();
             let of_form = steps.weight * steps.damping * measure.scale;
-            sweeper.proximal = Some(form.term(&best, scale, steps.weight, of_form));
-            for _ in 0..SWEEPS {
-                sweeper.sweep(&mut layout, 0);
-                moving()?;
-            }
+            self.slide(&mut shells, &shares, &best, [steps.weight, of_form], &moving)?;
             rounds += 1;
             // Rounding may leave no bijection.
-            let Ok(map) = through(&layout) else {
+            let Ok(map) = self.whole(&shells) else {
                 steps.in_vain();
                 continue;
             };
             let volume = measure.of(&map, &fitting)?;
-            let found = measured(layout, map, volume)?;
+            let found = Measured::new(map, volume)?;
             if !is_within(&found) {
                 steps.too_distorted();
             } else if found.volume.harmonic < best.volume.harmonic {
                 steps.lower(1.0 - found.volume.harmonic / best.volume.harmonic);
                 energies.push(found.volume.harmonic);
+                shells.iter_mut().for_each(|shell| shell.accept());
                 best = found;
             } else if best.volume.change_to(best.map.image(), found.map.image()) > 0.0 {
                 steps.surface_alone();
@@ -374,7 +380,7 @@ impl Improvement<'_> {
             }
         };
         let mut map = best.map;
-        for _ in 0..self.subdivisions {
+        for _ in 0..self.given.subdivisions() {
             map = map.subdivided();
         }
         let boundary_errors = [first_error, best.volume.boundary_error];
@@ -398,6 +404,14 @@ impl Improvement<'_> {
             warnings,
         };
         Ok((map, report))
+    }
+}
+
+/// What belongs to these vertices, or to all.
+fn of_vertices<'a, T: Copy>(all: &'a [T], vertices: Option<&Vec<u32>>) -> Cow<'a, [T]> {
+    match vertices {
+        Some(vertices) => vertices.iter().map(|&v| all[v as usize]).collect(),
+        None => Cow::Borrowed(all),
     }
 }
 
@@ -488,56 +502,6 @@ fn distortions(map: &BoundaryMap) -> Result<(SurfaceDistortion, f64), ImproveErr
         .unzip();
     let [high] = weighted_quantiles(&values, &weights, [0.999]).ok_or(no_area)?;
     Ok((all, high))
-}
-
-/// `κ + L / κ` of the domain's surface, lumped: a bound of twice the Dirichlet-to-Neumann operator.
-struct BoundaryForm {
-    masses: Vec<f64>,
-    couplings: Vec<Vec<f64>>,
-}
-
-impl BoundaryForm {
-    fn new<L: Layout>(domain: &SurfaceMesh, layout: &L) -> Self {
-        let points = domain.vertices();
-        let area = domain.area();
-        // Both the smoothest functions, of frequencies about 1 / R, and the roughest, about 1 / h, are bounded equally well.
-        let radius = (area / (4.0 * std::f64::consts::PI)).sqrt();
-        let spacing = (area / points.len().max(1) as f64).sqrt();
-        let frequency = 1.0 / (radius * spacing).sqrt();
-        let of_vertex = |v: u32| -> (f64, Vec<f64>) {
-            let ring: Vec<u32> = layout.ring(v).collect();
-            let count = ring.len();
-            let mut cotangents = vec![0.0; count];
-            let mut mass = 0.0;
-            for i in 0..count {
-                let next = (i + 1) % count;
-                let rest = RestShape::of_triangle([v, ring[i], ring[next]].map(|u| &points[u as usize]), 1.0);
-                mass += rest.area / 3.0;
-                cotangents[next] += 0.5 * rest.cotangents[1];
-                cotangents[i] += 0.5 * rest.cotangents[2];
-            }
-            let couplings = cotangents.iter().map(|w| w.max(0.0) / frequency);
-            (frequency * mass, couplings.collect())
-        };
-        let (masses, couplings) = (0..points.len() as u32).into_par_iter().map(of_vertex).unzip();
-        Self { masses, couplings }
-    }
-
-    /// The energy of the volume, times `weight`, as a function of scaled images near to those of a map; the form counts by
-    /// `of_form`.
-    fn term<L>(&self, at: &Measured<L>, scale: f64, weight: f64, of_form: f64) -> ProximalTerm {
-        let bend = of_form / (scale * scale);
-        ProximalTerm {
-            images: at.map.image().iter().map(|y| Point::from(y.coords * scale)).collect(),
-            slopes: at.volume.slopes.iter().map(|slope| slope * (weight / scale)).collect(),
-            masses: self.masses.iter().map(|mass| bend * mass).collect(),
-            couplings: self
-                .couplings
-                .iter()
-                .map(|of| of.iter().map(|w| bend * w).collect())
-                .collect(),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 use super::*;
-use crate::Vector;
 use crate::boundary_map::pair::{PairOptions, map_pair};
 use crate::energy::{AdaptiveOptions, EnergyOptions, adaptive_energies};
 use crate::fit::fit;
-use crate::mesh::shapes;
+use crate::mesh::{SurfaceMesh, shapes};
+use crate::spherical::SphericalEmbedding;
+use crate::{Point, Vector};
 
 /// A sphere whose directions are moved along it.
 fn perturbed(levels: u32, by: f64) -> BoundaryMap {
@@ -109,6 +110,40 @@ fn maps_through_a_torus_and_a_hyperbolic_surface_are_improved() {
             }
         }
     }
+}
+
+/// A lumpy ball with a cavity, and a ring beside it: the surfaces move in the same rounds.
+#[test]
+fn all_shells_of_a_solid_are_improved() {
+    let at = |surface: &SurfaceMesh, by: [f64; 3]| shapes::deformed(surface, |p| p + Vector::from(by));
+    let cavity = shapes::deformed(&shapes::sphere(0.4, 2), |p| Point::new(p.x + 0.2, 0.8 * p.y, p.z)).reversed();
+    let ring = at(&shapes::torus(1.0, 0.4, 20, 10), [4.0, 0.0, 0.0]);
+    let domain = shapes::joined(&shapes::joined(&shapes::sphere(1.0, 3), &cavity), &ring);
+    let bent = |p: &Point| Point::new(p.x + 0.2 * p.y * p.y, p.y * (1.0 + 0.15 * p.x), p.z + 0.3 * p.x * p.y);
+    let target = shapes::deformed(&domain, bent);
+    let in_place = PairOptions {
+        improve: false,
+        ..PairOptions::default()
+    };
+    let (map, _) = map_pair(&domain, &target, &in_place, &|_| ()).unwrap();
+    let improved = assert_improved(&map);
+    let (before, after) = (map.shells().unwrap(), improved.shells().unwrap());
+    for (before, after) in before.iter().zip(after) {
+        assert_eq!(before.target, after.target);
+        assert_ne!(before.map, after.map);
+        let [(first, high), (last, last_high)] = [before, after].map(|shell| distortions(&shell.map).unwrap());
+        assert!(last.mean_symmetric_dirichlet <= 1.5 * first.mean_symmetric_dirichlet);
+        assert!(last_high <= 1.5 * high);
+    }
+    let fine = improve_boundary(
+        &map.subdivided(),
+        &ImproveOptions {
+            most_rounds: 0,
+            ..ImproveOptions::default()
+        },
+        &|_| (),
+    );
+    assert_eq!(fine.unwrap().0, map.subdivided());
 }
 
 #[test]

@@ -143,7 +143,12 @@ pub struct PairArgs {
     /// target, counted from 0. Their ends may be landmarks, too
     #[arg(long, value_name = "FILE")]
     pub landmark_curves: Option<PathBuf>,
-    /// Boundary file of the same DOMAIN to start from: it is improved, and nothing else is sought
+    /// Which component or cavity of DOMAIN goes to which of the target: in each line two numbers, as `solidmap check` lists them.
+    /// Those that are not named find their partners by what they lie in, their handles, place and size
+    #[arg(long, value_name = "FILE")]
+    pub components: Option<PathBuf>,
+    /// Boundary file of the same DOMAIN to start from: it is improved, and nothing else is sought. Components and cavities go
+    /// where it takes them
     #[arg(long, value_name = "FILE", conflicts_with = "aligned")]
     pub start: Option<PathBuf>,
     /// Axis of DOMAIN that goes roughly (within 60°) where --target-up says
@@ -181,6 +186,7 @@ impl PairArgs {
             landmarks,
             landmarks_weight,
             landmark_curves,
+            components,
             start,
             domain_up,
             target_up,
@@ -192,6 +198,7 @@ impl PairArgs {
         landmarks.is_empty()
             && landmarks_weight.is_none()
             && landmark_curves.is_none()
+            && components.is_none()
             && start.is_none()
             && domain_up.is_none()
             && target_up.is_none()
@@ -208,8 +215,9 @@ impl PairArgs {
             .landmark_curves
             .iter()
             .map(|file| ("landmark_curves", file.as_path()));
+        let components = self.components.iter().map(|file| ("components", file.as_path()));
         let start = self.start.iter().map(|file| ("start", file.as_path()));
-        landmarks.chain(curves).chain(start).collect()
+        landmarks.chain(curves).chain(components).chain(start).collect()
     }
 }
 
@@ -252,8 +260,8 @@ pub struct BoundaryImproveArgs {
     /// Boundary file, as `boundary pair --boundary` or `boundary sphere --boundary` writes it
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
-    /// How much the distortion of the surface may grow: its symmetric Dirichlet energy, in the mean and at 99.9 % of the area,
-    /// over those of FILE
+    /// How much the distortion of the surface, and of each component and cavity, may grow: its symmetric Dirichlet energy, in the
+    /// mean and at 99.9 % of the area, over those of FILE
     #[arg(long, value_name = "RATIO", value_parser = at_least_one, default_value_t = ImproveOptions::default().most_distortion)]
     pub max_distortion: f64,
     /// Rounds at most; each fits a harmonic map

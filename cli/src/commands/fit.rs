@@ -73,7 +73,7 @@ impl<'a> BoundaryInput<'a> {
         let to_model = target.is_some_and(|target| !is_name(target));
         anyhow::ensure!(
             to_model || args.pair.is_default(),
-            "--landmarks, --start, --via, --aligned and the like say how a solid is mapped to another: they need --target MODEL, a file"
+            "--landmarks, --components, --start, --via, --aligned and the like say how a solid is mapped to another: they need --target MODEL, a file"
         );
         if let Some(target) = target.filter(|target| to_model && !target.exists()) {
             anyhow::bail!(

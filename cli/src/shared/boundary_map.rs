@@ -74,6 +74,10 @@ pub fn to_model(
             Some(file) => files::read_landmark_curves(file)?,
             None => vec![],
         },
+        components: match &args.components {
+            Some(file) => files::read_components(file)?,
+            None => vec![],
+        },
         up: args
             .domain_up
             .zip(args.target_up)
@@ -90,12 +94,16 @@ pub fn to_model(
     };
     let names = [format!("`{}`", files[0].display()), format!("`{}`", files[1].display())];
     let made = paired(domain, &target, &options, &names, share, output);
-    let made = made.map_err(|error| match error.downcast_ref() {
-        Some(PairError::Curves(_)) => {
-            let file = args.landmark_curves.as_deref().unwrap_or(files[0]);
-            error.context(format!("cannot use `{}`", file.display()))
+    let made = made.map_err(|error| {
+        let file = match error.downcast_ref() {
+            Some(PairError::Curves(_)) => &args.landmark_curves,
+            Some(PairError::Components(_)) => &args.components,
+            _ => &None,
+        };
+        match file {
+            Some(file) => error.context(format!("cannot use `{}`", file.display())),
+            None => error,
         }
-        _ => error,
     })?;
     made.report.warnings.iter().for_each(|warning| output.warn(warning));
     warn_of_looks(&made.report, output);
@@ -151,7 +159,7 @@ fn paired(
         PairError::Sphere { side, error } => of_side(side, error.into(), "the sphere"),
         PairError::Torus { side, error } => of_side(side, error.into(), "a flat torus"),
         PairError::Hyperbolic { side, error } => of_side(side, error.into(), "a hyperbolic surface"),
-        error @ PairError::Curves(_) => error.into(),
+        error @ (PairError::Curves(_) | PairError::Components(_)) => error.into(),
         error => {
             let [domain, target] = names;
             anyhow::Error::new(error).context(format!("cannot map {domain} to {target}"))

@@ -44,6 +44,9 @@ struct PairOptions {
   /// 0: landmarks are met exactly. Otherwise they are soft: one that is a tenth of the root of the target's area off costs as
   /// much as a mean distortion that is higher by this many percent.
   double landmarks_weight = 0;
+  /// Components and cavities of the domain that go to given ones of the target, by their places in CheckReport::components. Those that
+  /// are not named find their partners by what they lie in, their handles, place and size.
+  std::vector<std::array<std::uint32_t, 2>> components;
   /// Directions of the domain and of the target that correspond roughly, within 60°; both zero: not known.
   Point domain_up = {0, 0, 0}, target_up = {0, 0, 0};
   /// Share of the domain's area above which the map looks wrong when it is stretched or compressed over 10 times there.
@@ -70,6 +73,8 @@ struct PairReport {
   double isometry_defect = std::numeric_limits<double>::quiet_NaN();
   /// The largest distance of the image of a landmark from where it is to be, as a fraction of the target's diagonal.
   double landmark_error = 0;
+  /// Where there are several components and cavities: for each of the domain the one of the target that it goes to.
+  std::vector<std::uint32_t> components;
   /// Wall-clock seconds.
   double seconds = 0;
   std::vector<std::string> warnings;
@@ -77,8 +82,8 @@ struct PairReport {
 
 /// How BoundaryMap::improved() works.
 struct ImproveOptions {
-  /// How much the distortion of the surface may grow: its symmetric Dirichlet energy, in the mean and at 99.9 % of the area, over
-  /// those at the start. At least 1.
+  /// How much the distortion of the surface, and of each component and cavity, may grow: its symmetric Dirichlet energy, in the mean
+  /// and at 99.9 % of the area, over those at the start. At least 1.
   double max_distortion = 1.5;
   /// Rounds at most; each fits a harmonic map.
   std::size_t rounds = 30;

@@ -386,6 +386,12 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
   CHECK(shells.inverse().inverse().images().size() == 324);
   CHECK(distance(shells.images()[200], hollow.vertices()[200]) < 0.7);
   CHECK(thrown_by([&] { BoundaryMap::pair(hollow, ball); }) == "invalid_input");
+  PairOptions told;
+  told.components = {{1, 1}};
+  BoundaryMap::pair(hollow, hollow, told, {}, &report);
+  CHECK(report.components == std::vector<std::uint32_t>{0, 1});
+  told.components = {{0, 1}};
+  CHECK(thrown_by([&] { BoundaryMap::pair(hollow, hollow, told); }) == "invalid_input");
   CHECK(pair.inverse().domain().vertices().size() == 162);
   CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");
   CHECK(thrown_by([&] { BoundaryMap::to_torus(cube); }) == "invalid_input");

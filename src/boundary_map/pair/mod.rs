@@ -53,6 +53,7 @@ pub use report::{
     PairTimings, ShellReport, TorusReport,
 };
 pub use rotation::{RotationMatch, search_rotations};
+pub use shells::{ComponentMismatch, ComponentsError};
 pub use stretch::Stretch;
 pub use targets::{VertexTarget, vertex_targets};
 pub use torus::{FittingTorus, fitting_torus};
@@ -120,9 +121,15 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
     options: &PairOptions,
     progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<PairMaps, PairError> {
+    let expected = domain.vertices().len();
+    if let Some(start) = options.start.as_ref().filter(|start| start.image().len() != expected) {
+        let vertices = start.image().len();
+        return Err(PairError::Start { vertices, expected });
+    }
     if [domain, target].iter().any(|surface| has_several_shells(surface)) {
         return shells::map_shells(domain, target, options, progress);
     }
+    shells::require_pairs(&options.components, [1, 1])?;
     match common_genus([domain, target], options)? {
         0 => {}
         1 => return map_tori(domain, target, options, progress),

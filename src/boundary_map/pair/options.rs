@@ -41,10 +41,15 @@ pub struct PairOptions {
     pub curves: Vec<LandmarkCurve>,
     /// As `landmarks_weight`, for all vertices of the curves together.
     pub curves_weight: f64,
+    /// Shells of the domain, which are components and cavities, that go to given shells of the target. They count from 0 in the order of
+    /// their first triangles, as the components of [`CheckReport`](crate::check::CheckReport::components) do. Shells around them then
+    /// go to each other; all others find their partners by themselves.
+    pub components: Vec<[usize; 2]>,
     /// Directions of the domain and of the target that correspond roughly, within 60°: which way is up.
     pub up: Option<[Vector; 2]>,
     /// A map of this domain to start from: nothing else is sought. One that was composed with an embedding of this target is
-    /// the start itself; of others the images of vertices are soft targets.
+    /// the start itself; of others the images of vertices are soft targets. Of solids with several shells each starts from its own part,
+    /// and goes where that takes it.
     pub start: Option<BoundaryMap>,
     /// Number of other maps that are wanted, for [`map_pair_with_alternatives`](super::map_pair_with_alternatives).
     pub alternatives: usize,
@@ -66,6 +71,7 @@ impl Default for PairOptions {
             landmarks_weight: None,
             curves: vec![],
             curves_weight: 1000.0,
+            components: vec![],
             up: None,
             start: None,
             alternatives: 0,

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 #[cfg(doc)]
 use super::map_pair;
-use super::{AlignError, CurveError, LandmarkError, PairMethod, SoftTargetSchedule, Stretch};
+use super::{AlignError, ComponentsError, CurveError, LandmarkError, PairMethod, SoftTargetSchedule, Stretch};
 use crate::boundary_map::{BoundaryMapError, SurfaceDistortion};
 use crate::check::ShellsError;
 use crate::hyperbolic::HyperbolicError;
@@ -123,7 +123,7 @@ pub struct PairReport {
     /// How much of the domain is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
     /// The shells of the domain in the order of their first triangles, where there are several. Then `after`, `stretch`, `landmarks`,
-    /// `timings` and `warnings` are of all, there are no `alternatives`, and all else is of the largest.
+    /// `timings` and `warnings` are of all, `alternatives` are those that are returned, and all else is of the largest.
     pub shells: Vec<ShellReport>,
     /// Wall time by phase.
     #[serde(rename = "seconds")]
@@ -278,10 +278,12 @@ pub struct PairStart {
 /// Another map that the search found.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PairAlternative {
+    /// Of solids with several shells the outermost shell of the domain that is mapped otherwise, with those inside it.
+    pub shell: Option<usize>,
     /// What its soft targets came from.
     pub kind: PairStartKind,
     /// Mean symmetric Dirichlet energy of its coarse embedding over that of the map that was taken, when both had as many
-    /// vertices.
+    /// vertices; of the maps themselves where a shell was mapped again because of those inside it.
     pub energy_ratio: f64,
     /// How far its coarse embedding was from an isometry, as [`PairReport::isometry_defect`].
     pub isometry_defect: Option<f64>,
@@ -403,6 +405,9 @@ pub enum PairError {
         /// Which do not.
         reason: String,
     },
+    /// Shells cannot go where they are to go.
+    #[error(transparent)]
+    Components(#[from] ComponentsError),
     /// A shell cannot be mapped.
     #[error("shell {shell} of the domain, counted from 0: {error}")]
     Shell {
@@ -410,12 +415,6 @@ pub enum PairError {
         shell: usize,
         /// Why not.
         error: Box<PairError>,
-    },
-    /// An option has no meaning for solids with several shells.
-    #[error("{option} cannot be used with solids of several shells (components and cavities); leave the option out")]
-    NotWithShells {
-        /// What was given.
-        option: &'static str,
     },
     /// The solids cannot be aligned.
     #[error(transparent)]
@@ -453,6 +452,16 @@ pub enum PairError {
          `solidmap check`"
     )]
     NoEmbedding,
+    /// The map to start from is of another mesh than the domain.
+    #[error(
+        "the map to start from is of {vertices} vertices, and the domain has {expected}; start from one of the same mesh"
+    )]
+    Start {
+        /// Vertices of the map.
+        vertices: usize,
+        /// Vertices of the domain.
+        expected: usize,
+    },
     /// A surface is out of scale.
     #[error(transparent)]
     Boundary(#[from] BoundaryMapError),

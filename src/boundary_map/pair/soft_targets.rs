@@ -191,6 +191,7 @@ impl PairMapping<'_> {
             alternatives: alternatives
                 .iter()
                 .map(|(other, distance)| PairAlternative {
+                    shell: None,
                     kind: starts[other.start].kind,
                     energy_ratio: other.compared(best).map_or(f64::NAN, energy_ratio),
                     isometry_defect: other.qualities.last().and_then(|quality| quality.isometry_defect),

@@ -287,7 +287,10 @@ fn summary(report: &PairSummary) -> String {
         rows.push([
             if i == 0 { "other maps".into() } else { String::new() },
             format!(
-                "by {}, energy {:.2} times this one's{}, {} % of the diagonal away in the mean{written}",
+                "{}by {}, energy {:.2} times this one's{}, {} % of the diagonal away in the mean{written}",
+                other
+                    .shell
+                    .map_or_else(String::new, |shell| format!("of shell {shell} ")),
                 start_words(other.kind),
                 other.energy_ratio,
                 other

@@ -200,6 +200,7 @@ impl PairMapping<'_> {
             alternatives: others
                 .iter()
                 .map(|other| PairAlternative {
+                    shell: None,
                     kind: other.kind,
                     energy_ratio: other.energy / best.energy,
                     isometry_defect: None,

@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::super::{Alignment, AlignmentSurface, Landmarks, PairError, PairOptions, align};
+use super::super::{Alignment, AlignmentSurface, Landmarks, PairError, PairMethod, PairOptions, align};
+use super::given::partners;
+use super::solid::centre_of;
+use super::starts::ShellStarts;
 use super::{MovingLeastSquares, Solid};
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
@@ -15,8 +18,16 @@ const SIZE_WEIGHT: f64 = 0.05;
 /// A pair of shells to be mapped.
 pub(super) struct Waiting {
     pub pair: [usize; 2],
-    /// Where the vertices of the domain's are carried by the map of the shell around it.
-    pub carried: Option<Vec<Point>>,
+    pub begin: Beginning,
+}
+
+/// What is known of the map of a pair of shells.
+pub(super) enum Beginning {
+    Unknown,
+    /// Where the vertices of the domain's are carried by the map of the shell around it, or to the shell that they are to go to.
+    Carried(Vec<Point>),
+    /// A map to start from.
+    Given(BoundaryMap),
 }
 
 /// Pairs of shells, and how far they are from each other.
@@ -27,8 +38,14 @@ pub(super) struct Matching<'a> {
     pub solids: &'a [Solid; 2],
     /// Whether outermost shells are matched where they lie, without an alignment.
     is_aligned: bool,
+    /// Whether outermost shells are mapped as they lie, too.
+    starts_in_place: bool,
     /// For shells of the domain with landmarks or curves the shell of the target that these are on.
     joined: BTreeMap<usize, usize>,
+    /// For shells of the domain that are to go to certain ones, and for those around them, the shell of the target.
+    given: BTreeMap<usize, usize>,
+    /// A map of all shells to start from.
+    starts: Option<ShellStarts>,
 }
 
 impl<'a> Matching<'a> {
@@ -60,7 +77,13 @@ impl<'a> Matching<'a> {
         Ok(Self {
             solids,
             is_aligned: options.aligned,
+            starts_in_place: options.aligned && options.method != PairMethod::Conformal,
+            given: partners(solids, &options.components, &joined)?,
             joined,
+            starts: match &options.start {
+                Some(start) => Some(ShellStarts::new(start, solids)?),
+                None => None,
+            },
         })
     }
 
@@ -68,18 +91,32 @@ impl<'a> Matching<'a> {
         let [domain, target] = self.solids;
         let outermost = [&domain.outermost[..], &target.outermost[..]];
         let sizes = [domain.size, target.size];
+        if let Some(starts) = &self.starts {
+            return self.started(outermost, sizes, starts);
+        }
+        let centre = |shell: usize| domain.shells[shell].centre;
         let (pairs, _) = if self.is_aligned || domain.outermost.len() == 1 {
-            self.matched(outermost, sizes, &|p| *p)?
+            self.matched(outermost, sizes, &centre)?
         } else {
             let alignments = self.alignments()?;
             let tried = alignments
                 .iter()
-                .map(|found| self.matched(outermost, sizes, &|p| found.similarity.apply(p)));
+                .map(|found| self.matched(outermost, sizes, &|shell| found.similarity.apply(&centre(shell))));
             let tried: Vec<Matched> = tried.collect::<Result<_, _>>()?;
             let least = tried.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
             least.ok_or_else(|| unmatched("no alignment was found".into()))?
         };
-        let waiting = pairs.into_iter().map(|pair| Waiting { pair, carried: None });
+        let displaced = match self.starts_in_place {
+            true => self.displaced(&pairs, outermost, sizes, &centre)?,
+            false => vec![],
+        };
+        let waiting = pairs.into_iter().map(|pair| Waiting {
+            pair,
+            begin: match displaced.contains(&pair) {
+                true => Beginning::Carried(self.moved_to_partner(pair, domain.shells[pair[0]].surface.vertices())),
+                false => Beginning::Unknown,
+            },
+        });
         Ok(waiting.collect())
     }
 
@@ -89,41 +126,109 @@ impl<'a> Matching<'a> {
         if around[0].inside.is_empty() {
             return Ok(vec![]);
         }
-        let carrier = MovingLeastSquares::of(map);
         let inside = around.map(|shell| &shell.inside[..]);
-        let (pairs, _) = self.matched(inside, around.map(|shell| shell.size), &|p| carrier.carried(p))?;
+        let sizes = around.map(|shell| shell.size);
+        if let Some(starts) = &self.starts {
+            return self.started(inside, sizes, starts);
+        }
+        let carrier = MovingLeastSquares::of(map);
+        let place = |shell: usize| carrier.carried(&self.solids[0].shells[shell].centre);
+        let (pairs, _) = self.matched(inside, sizes, &place)?;
+        let displaced = self.displaced(&pairs, inside, sizes, &place)?;
         let waiting = pairs.into_iter().map(|pair| {
             let vertices = self.solids[0].shells[pair[0]].surface.vertices();
+            let carried: Vec<Point> = vertices.par_iter().map(|p| carrier.carried(p)).collect();
+            let carried = match displaced.contains(&pair) {
+                true => self.moved_to_partner(pair, &carried),
+                false => carried,
+            };
             Waiting {
                 pair,
-                carried: Some(vertices.par_iter().map(|p| carrier.carried(p)).collect()),
+                begin: Beginning::Carried(carried),
             }
         });
         Ok(waiting.collect())
     }
 
-    /// The best pairs of these shells, of which those of the domain are carried; `sizes` are those of what they are parts of.
+    /// The pairs of these shells by where a map takes them, each with its part of that map; moved where it goes elsewhere.
+    fn started(&self, shells: [&[usize]; 2], sizes: [f64; 2], starts: &ShellStarts) -> Result<Vec<Waiting>, PairError> {
+        let place = |shell: usize| starts.centres[shell];
+        let (pairs, _) = self.matched(shells, sizes, &place)?;
+        let displaced = self.displaced(&pairs, shells, sizes, &place)?;
+        let waiting = pairs.into_iter().map(|pair| {
+            let start = &starts.maps[pair[0]];
+            let given = match displaced.contains(&pair) {
+                true => BoundaryMap::new(start.domain().clone(), self.moved_to_partner(pair, start.image()))?,
+                false => start.clone(),
+            };
+            Ok(Waiting {
+                pair,
+                begin: Beginning::Given(given),
+            })
+        });
+        waiting.collect()
+    }
+
+    /// Images of a shell's vertices, moved and scaled to the place and size of its partner: shells that are to go elsewhere than they
+    /// lie have no closest points there that could say how.
+    fn moved_to_partner(&self, [from, to]: [usize; 2], images: &[Point]) -> Vec<Point> {
+        let (shell, partner) = (&self.solids[0].shells[from], &self.solids[1].shells[to]);
+        let image = shell.surface.with_vertices(images.to_vec());
+        let image = image.filter(|image| image.volume() > 0.0);
+        let image = image.as_ref().unwrap_or(&shell.surface);
+        let (centre, scale) = (centre_of(image), partner.size / image.volume().cbrt());
+        let moved = image.vertices().iter().map(|p| partner.centre + scale * (p - centre));
+        moved.collect()
+    }
+
+    /// Those of the pairs that places alone would not make, and that therefore need another start than their places.
+    fn displaced(
+        &self,
+        pairs: &[[usize; 2]],
+        shells: [&[usize]; 2],
+        sizes: [f64; 2],
+        place: &dyn Fn(usize) -> Point,
+    ) -> Result<Vec<[usize; 2]>, PairError> {
+        if self.given.is_empty() {
+            return Ok(vec![]);
+        }
+        let (by_place, _) = self.assigned(shells, sizes, place, &self.joined)?;
+        Ok(pairs.iter().filter(|pair| !by_place.contains(pair)).copied().collect())
+    }
+
+    /// The best pairs of these shells, of which those of the domain lie at `place`; `sizes` are those of what they are parts of.
     fn matched(
         &self,
         shells: [&[usize]; 2],
         sizes: [f64; 2],
-        carried: &dyn Fn(&Point) -> Point,
+        place: &dyn Fn(usize) -> Point,
+    ) -> Result<Matched, PairError> {
+        let mut joined = self.joined.clone();
+        joined.extend(&self.given);
+        self.assigned(shells, sizes, place, &joined)
+    }
+
+    /// As [`Self::matched`], with these pairs that are not to be sought.
+    fn assigned(
+        &self,
+        shells: [&[usize]; 2],
+        sizes: [f64; 2],
+        place: &dyn Fn(usize) -> Point,
+        joined: &BTreeMap<usize, usize>,
     ) -> Result<Matched, PairError> {
         let [domain, target] = self.solids;
-        let places: BTreeMap<usize, Point> = shells[0]
-            .iter()
-            .map(|&k| (k, carried(&domain.shells[k].centre)))
-            .collect();
+        let places: BTreeMap<usize, Point> = shells[0].iter().map(|&k| (k, place(k))).collect();
         let diagonal = target.surface.diagonal();
         let cost = |[from, to]: [usize; 2]| {
             let (a, b) = (&domain.shells[from], &target.shells[to]);
             let distance = (places[&from] - b.centre).norm() / diagonal;
             let ratio = (a.size / sizes[0]) / (b.size / sizes[1]);
-            distance.powi(2) + SIZE_WEIGHT * ratio.ln().powi(2)
+            let is_elsewhere = self.starts.as_ref().is_some_and(|starts| starts.contradict(from, to));
+            distance.powi(2) + SIZE_WEIGHT * ratio.ln().powi(2) + f64::from(is_elsewhere)
         };
         let [mut from, mut to] = shells.map(<[usize]>::to_vec);
         let mut pairs = Vec::new();
-        for (&a, &b) in &self.joined {
+        for (&a, &b) in joined {
             if !from.contains(&a) {
                 continue;
             }
@@ -166,10 +271,10 @@ impl<'a> Matching<'a> {
         while let Some([from, to]) = open.pop() {
             let around = [&domain.shells[from], &target.shells[to]];
             let inside = around.map(|shell| &shell.inside[..]);
-            let (pairs, _) = self.matched(inside, around.map(|shell| shell.size), &|p| carrier.carried(p))?;
+            let place = |shell: usize| carrier.carried(&domain.shells[shell].centre);
+            let (pairs, _) = self.matched(inside, around.map(|shell| shell.size), &place)?;
             for &[from, to] in &pairs {
-                let image = carrier.carried(&domain.shells[from].centre);
-                sum += (image - target.shells[to].centre).norm_squared();
+                sum += (place(from) - target.shells[to].centre).norm_squared();
             }
             count += pairs.len();
             open.extend(pairs);

@@ -3,22 +3,27 @@
 //! A shell matches one of its genus with matching shells inside. Of these, outer shells go where an alignment of the whole solids puts
 //! them, and shells inside another where its map carries them: by the affine map that fits it best near by, "moving least squares"
 //! (Levin 1998; Schaefer, McPhail, Warren 2006). A shell inside is then mapped as if it lay where it is carried, so that it turns with
-//! the shell around it.
+//! the shell around it. Which shells go to which may also be given ([`PairOptions::components`]), in part or for all.
 
+mod given;
 mod matching;
 mod moving_least_squares;
+mod others;
 mod solid;
+mod starts;
 
 use std::time::Instant;
 
-use matching::{Matching, Waiting};
+pub(super) use given::require_pairs;
+pub use given::{ComponentMismatch, ComponentsError};
+use matching::{Beginning, Matching, Waiting};
 use moving_least_squares::MovingLeastSquares;
+use others::{RatedMap, distinct};
 use solid::{Shell, Solid};
 
 use super::{
     AlignError, LandmarkCurve, Landmarks, PairAlternative, PairError, PairMaps, PairMethod, PairOptions, PairPhase,
     PairReport, ShellReport, Stretch, distortion, map_pair, map_pair_with_alternatives, over_surface,
-    product_of_quantiles,
 };
 use crate::boundary_map::{BoundaryMap, ShellMap};
 use crate::mesh::{SurfaceMesh, shapes};
@@ -28,12 +33,6 @@ use crate::progress::{ProgressControl, ProgressResponse};
 const NEAR: f64 = 0.03;
 /// A warning says so when the best map takes them farther than this.
 const FAR: f64 = 0.1;
-/// Weight of that distance beside the distortion, where maps are compared.
-const OFF_WEIGHT: f64 = 20.0;
-/// What else is tried: maps of up to this many times the least energy, and alignments of the whole solids.
-const MOST_ENERGY: f64 = 2.0;
-const MOST_ALTERNATIVES: usize = 4;
-const MOST_ALIGNMENTS: usize = 2;
 
 /// Maps every shell, and puts the maps together.
 pub(super) fn map_shells<A: ProgressResponse>(
@@ -42,13 +41,6 @@ pub(super) fn map_shells<A: ProgressResponse>(
     options: &PairOptions,
     progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<PairMaps, PairError> {
-    let refused = [
-        (options.start.is_some(), "a map to start from"),
-        (options.alternatives > 0, "other maps"),
-    ];
-    if let Some((_, option)) = refused.into_iter().find(|(is_given, _)| *is_given) {
-        return Err(PairError::NotWithShells { option });
-    }
     let begin = Instant::now();
     let solids = [Solid::of("domain", domain)?, Solid::of("target", target)?];
     let matching = Matching::new(&solids, options)?;
@@ -56,36 +48,33 @@ pub(super) fn map_shells<A: ProgressResponse>(
         matching: &matching,
         options,
     };
-    let mut found: Vec<Option<(ShellMap, PairReport)>> = solids[0].shells.iter().map(|_| None).collect();
-    let mut waiting = matching.outermost()?;
-    let (mut count, of) = (0, found.len());
-    while let Some(next) = waiting.pop() {
-        let [shell, to] = next.pair;
-        count += 1;
-        if progress(PairPhase::Shell { shell: count, of }).control() == ProgressControl::Cancel {
-            return Err(PairError::Cancelled);
-        }
-        let in_shell = |error| match error {
-            PairError::Cancelled => error,
-            error => PairError::Shell {
-                shell,
-                error: Box::new(error),
-            },
-        };
-        let (map, report) = mapper.mapped_with_inside(&next, progress).map_err(in_shell)?;
-        waiting.extend(matching.inside(next.pair, &map)?);
-        found[shell] = Some((ShellMap { target: to, map }, report));
+    let mut found: Found = solids[0].shells.iter().map(|_| None).collect();
+    let mut others = mapper.map_all(matching.outermost()?, &mut found, progress)?;
+    let map = mapper.joined(&found)?;
+    let mut report = mapper.report(&map, &found)?;
+    others.sort_by(|a, b| a.found.energy_ratio.total_cmp(&b.found.energy_ratio));
+    let mut alternatives = Vec::new();
+    for other in others.into_iter().take(options.alternatives) {
+        let (alternative, found) = mapper.with_other(other, &found, &map, progress)?;
+        alternatives.push(alternative);
+        report.alternatives.push(found);
     }
-    let (maps, reports): (Vec<ShellMap>, Vec<PairReport>) = found.into_iter().flatten().unzip();
-    let shells = mapper.shell_reports(&maps, &reports);
-    let map = BoundaryMap::by_shells(&solids[0].surface, &solids[1].surface, maps)?;
-    let mut report = mapper.report(&map, reports, shells)?;
     report.timings.total = begin.elapsed().as_secs_f64();
     Ok(PairMaps {
         map,
         report,
-        alternatives: vec![],
+        alternatives,
     })
+}
+
+/// For each shell of the domain its map and what was found, once it is mapped.
+type Found = Vec<Option<(ShellMap, PairReport)>>;
+
+/// Another map of a pair of outermost shells.
+struct OtherMap {
+    pair: [usize; 2],
+    map: BoundaryMap,
+    found: PairAlternative,
 }
 
 /// Maps pairs of shells.
@@ -100,75 +89,112 @@ impl ShellMapper<'_> {
         [&domain.shells[from], &target.shells[to]]
     }
 
+    /// Maps these shells, and all inside them; returns other maps of outermost ones.
+    fn map_all<A: ProgressResponse>(
+        &self,
+        mut waiting: Vec<Waiting>,
+        found: &mut Found,
+        progress: &dyn Fn(PairPhase) -> A,
+    ) -> Result<Vec<OtherMap>, PairError> {
+        let mut others = Vec::new();
+        let of = found.len();
+        while let Some(next) = waiting.pop() {
+            let [shell, target] = next.pair;
+            let mapped = found.iter().flatten().count();
+            let phase = PairPhase::Shell {
+                shell: (mapped + 1).min(of),
+                of,
+            };
+            if progress(phase).control() == ProgressControl::Cancel {
+                return Err(PairError::Cancelled);
+            }
+            let in_shell = |error| match error {
+                PairError::Cancelled => error,
+                error => PairError::Shell {
+                    shell,
+                    error: Box::new(error),
+                },
+            };
+            let (map, report, of_shell) = self.mapped_with_inside(&next, progress).map_err(in_shell)?;
+            waiting.extend(self.matching.inside(next.pair, &map)?);
+            found[shell] = Some((ShellMap { target, map }, report));
+            others.extend(of_shell);
+        }
+        Ok(others)
+    }
+
+    /// The maps of all shells as one.
+    fn joined(&self, found: &Found) -> Result<BoundaryMap, PairError> {
+        let [domain, target] = self.matching.solids;
+        let maps = found.iter().flatten().map(|(map, _)| map.clone());
+        Ok(BoundaryMap::by_shells(
+            &domain.surface,
+            &target.surface,
+            maps.collect(),
+        )?)
+    }
+
+    /// The map of all shells with another one of an outermost shell, to which those inside it are mapped anew.
+    fn with_other<A: ProgressResponse>(
+        &self,
+        other: OtherMap,
+        found: &Found,
+        taken: &BoundaryMap,
+        progress: &dyn Fn(PairPhase) -> A,
+    ) -> Result<(BoundaryMap, PairAlternative), PairError> {
+        let [shell, target] = other.pair;
+        let mut found = found.clone();
+        let inside = self.matching.inside(other.pair, &other.map)?;
+        if let Some((own, _)) = &mut found[shell] {
+            *own = ShellMap { target, map: other.map };
+        }
+        self.map_all(inside, &mut found, progress)?;
+        let map = self.joined(&found)?;
+        let found = PairAlternative {
+            shell: Some(shell),
+            distance: mean_distance(&map, taken) / self.matching.solids[1].surface.diagonal(),
+            ..other.found
+        };
+        Ok((map, found))
+    }
+
     /// As [`Self::mapped`]; where the map takes the shells inside elsewhere than they are in the target, as a wrong one of a ball
     /// does, other maps are tried: those that the search found beside it, and those from alignments of the whole solids.
     fn mapped_with_inside<A: ProgressResponse>(
         &self,
         waiting: &Waiting,
         progress: &dyn Fn(PairPhase) -> A,
-    ) -> Result<(BoundaryMap, PairReport), PairError> {
-        let (map, mut report) = self.mapped(waiting, progress)?;
-        let [from, to] = self.pair(waiting.pair);
-        let first = self.matching.off_inside(waiting.pair, &map)?;
-        if waiting.carried.is_some() || first <= NEAR || report.concluded {
-            return Ok((map, report));
+    ) -> Result<(BoundaryMap, PairReport, Vec<OtherMap>), PairError> {
+        let PairMaps {
+            map,
+            mut report,
+            alternatives,
+        } = self.mapped(waiting, progress)?;
+        let pair = waiting.pair;
+        let first = self.matching.off_inside(pair, &map)?;
+        if !matches!(waiting.begin, Beginning::Unknown) || first <= NEAR || report.concluded {
+            let others = alternatives.into_iter().zip(&report.alternatives);
+            let others = others.map(|(map, &found)| OtherMap { pair, map, found }).collect();
+            return Ok((map, report, others));
         }
-        let options = self.options_of([from, to])?;
-        let surfaces = [&from.surface, &to.surface];
-        let mut tried = vec![map];
-        let mut timings = vec![report.timings];
-        // What cannot be mapped another way has a map all the same.
-        let others =
-            |options: &PairOptions| match map_pair_with_alternatives(surfaces[0], surfaces[1], options, progress) {
-                Err(PairError::Cancelled) => Err(PairError::Cancelled),
-                found => Ok(found.ok()),
-            };
-        let as_good = |other: &&PairAlternative| other.energy_ratio <= MOST_ENERGY;
-        let with_alternatives = PairOptions {
-            alternatives: report
-                .alternatives
-                .iter()
-                .filter(as_good)
-                .count()
-                .min(MOST_ALTERNATIVES),
-            ..options.clone()
-        };
-        if with_alternatives.alternatives > 0
-            && let Some(found) = others(&with_alternatives)?
-        {
-            tried.extend(found.alternatives);
-            timings.push(found.report.timings);
-        }
-        let is_free = !options.aligned && options.landmarks.pairs().is_empty() && options.curves.is_empty();
-        if is_free && from.genus == 0 && options.method == PairMethod::SoftTargets {
-            for alignment in self.matching.alignments()?.iter().take(MOST_ALIGNMENTS) {
-                let moved = surfaces[0].vertices().iter().map(|p| alignment.similarity.apply(p));
-                let from_alignment = PairOptions {
-                    start: Some(BoundaryMap::new(surfaces[0].clone(), moved.collect())?),
-                    ..options.clone()
-                };
-                if let Some(found) = others(&from_alignment)? {
-                    tried.push(found.map);
-                    timings.push(found.report.timings);
-                }
-            }
-        }
-        report.timings = timings.into_iter().sum();
-        let mut rated = Vec::new();
-        for map in tried {
-            let found = distortion(&map).ok_or_else(no_area)?;
-            let off = self.matching.off_inside(waiting.pair, &map)?;
-            rated.push((
-                product_of_quantiles(&found).cbrt() * (1.0 + OFF_WEIGHT * off),
-                map,
-                found,
-                off,
-            ));
-        }
+        let tried = self.tried(pair, map, &mut report, progress)?;
+        let rated = tried.into_iter().map(|(kind, map)| self.rated(pair, kind, map));
+        let mut rated = rated.collect::<Result<Vec<RatedMap>, _>>()?;
         let best = (0..rated.len())
-            .min_by(|&a, &b| rated[a].0.total_cmp(&rated[b].0))
+            .min_by(|&a, &b| rated[a].rating.total_cmp(&rated[b].rating))
             .unwrap_or_default();
-        let (_, map, found, off) = rated.swap_remove(best);
+        let taken = rated.swap_remove(best);
+        let others = match self.options.alternatives {
+            0 => vec![],
+            _ => distinct(&taken, rated, self.pair(pair)[1].surface.diagonal()),
+        };
+        let others = others.into_iter().map(|(map, found)| OtherMap { pair, map, found });
+        let RatedMap {
+            map,
+            distortion: found,
+            off,
+            ..
+        } = taken;
         if best > 0 {
             (report.before, report.after) = (found, found);
             report.stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
@@ -184,20 +210,33 @@ impl ShellMapper<'_> {
                 100.0 * off
             ));
         }
-        Ok((map, report))
+        Ok((map, report, others.collect()))
     }
 
-    /// The map of a pair of shells. A shell that is carried is mapped as if it lay there.
+    /// The map of a pair of shells, and others where nothing is known of it. A shell that is carried is mapped as if it lay there.
     fn mapped<A: ProgressResponse>(
         &self,
         waiting: &Waiting,
         progress: &dyn Fn(PairPhase) -> A,
-    ) -> Result<(BoundaryMap, PairReport), PairError> {
+    ) -> Result<PairMaps, PairError> {
         let [from, to] = self.pair(waiting.pair);
         let (surface, target) = (&from.surface, &to.surface);
         let options = self.options_of([from, to])?;
-        let Some(carried) = &waiting.carried else {
-            return map_pair(surface, target, &options, progress);
+        let alone = |(map, report)| PairMaps {
+            map,
+            report,
+            alternatives: vec![],
+        };
+        let carried = match &waiting.begin {
+            Beginning::Unknown => return map_pair_with_alternatives(surface, target, &options, progress),
+            Beginning::Given(start) => {
+                let from_start = PairOptions {
+                    start: Some(start.clone()),
+                    ..options
+                };
+                return map_pair(surface, target, &from_start, progress).map(alone);
+            }
+            Beginning::Carried(carried) => carried,
         };
         // Conformal maps do not know where a shell lies.
         let in_place = PairOptions {
@@ -218,7 +257,7 @@ impl ShellMapper<'_> {
         let map = over_surface(&onto, surface.clone())?;
         report.after = distortion(&map).ok_or_else(no_area)?;
         report.stretch = Stretch::of(&map, self.options.most_stretched).ok_or_else(no_area)?;
-        Ok((map, report))
+        Ok(alone((map, report)))
     }
 
     /// The options for a pair of shells: with its landmarks and curves.
@@ -238,14 +277,16 @@ impl ShellMapper<'_> {
         Ok(PairOptions {
             landmarks: Landmarks::new(pairs, from.vertices.len(), to.vertices.len())?,
             curves: curves.collect(),
+            components: vec![],
+            start: None,
             up,
             ..self.options.clone()
         })
     }
 
-    fn shell_reports(&self, maps: &[ShellMap], reports: &[PairReport]) -> Vec<ShellReport> {
-        let shells = self.matching.solids[0].shells.iter().zip(maps).zip(reports);
-        let shells = shells.map(|((shell, found), report)| ShellReport {
+    fn shell_reports(&self, found: &Found) -> Vec<ShellReport> {
+        let shells = self.matching.solids[0].shells.iter().zip(found.iter().flatten());
+        let shells = shells.map(|(shell, (found, report))| ShellReport {
             target: found.target,
             is_cavity: shell.is_cavity,
             genus: shell.genus,
@@ -258,12 +299,9 @@ impl ShellMapper<'_> {
         shells.collect()
     }
 
-    fn report(
-        &self,
-        map: &BoundaryMap,
-        mut reports: Vec<PairReport>,
-        shells: Vec<ShellReport>,
-    ) -> Result<PairReport, PairError> {
+    fn report(&self, map: &BoundaryMap, found: &Found) -> Result<PairReport, PairError> {
+        let shells = self.shell_reports(found);
+        let mut reports: Vec<PairReport> = found.iter().flatten().map(|(_, report)| report.clone()).collect();
         let of_shell = |(shell, report): (usize, &PairReport)| {
             let warnings = report.warnings.iter();
             warnings
@@ -294,6 +332,12 @@ impl ShellMapper<'_> {
             ..reports.swap_remove(largest.unwrap_or_default())
         })
     }
+}
+
+/// Mean distance of the images of vertices.
+fn mean_distance(a: &BoundaryMap, b: &BoundaryMap) -> f64 {
+    let distances = a.image().iter().zip(b.image()).map(|(p, q)| (p - q).norm());
+    distances.sum::<f64>() / a.image().len().max(1) as f64
 }
 
 fn no_area() -> PairError {

@@ -98,7 +98,7 @@ fn signature(shell: usize, genera: &[u64], inside: &[Vec<usize>]) -> String {
 }
 
 /// Centre of mass of the surface.
-fn centre_of(surface: &SurfaceMesh) -> Point {
+pub(super) fn centre_of(surface: &SurfaceMesh) -> Point {
     let (mut sum, mut total) = (Vector::zeros(), 0.0);
     for t in 0..surface.triangles().len() {
         let area = surface.area_vector(t).norm();

@@ -175,6 +175,7 @@ impl PairMapping<'_> {
             alternatives: others
                 .iter()
                 .map(|other| PairAlternative {
+                    shell: None,
                     kind: PairStartKind::Class,
                     energy_ratio: other.energy_ratio(best),
                     isometry_defect: None,
