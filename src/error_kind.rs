@@ -291,6 +291,8 @@ classified! {
         | Self::OutOfScale { .. }
         | Self::Option { .. }
         | Self::SchwarzNeedsNearSources
+        | Self::FreeSourcesNeedDense
+        | Self::TooManyFreeSources { .. }
         | Self::Query(_)
         | Self::OtherDomain
         | Self::BoundaryMap(_) => ErrorKind::InvalidInput,

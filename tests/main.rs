@@ -9,6 +9,7 @@ mod certificate;
 mod cgal_tetgen;
 mod common;
 mod compare;
+mod free_sources;
 mod hyperbolic;
 mod intrinsic;
 mod invariance;

@@ -287,6 +287,10 @@ fn every_field_of_a_report_is_documented_and_written() {
             "fit ball.ply --image bent.ply -o x.map --radius 2 --method svd --tolerance 0.1",
         ),
         ("fit", "fit ball.ply --target sphere -o x.map --tolerance 0.01"),
+        (
+            "fit",
+            "fit ball.ply --image folded.ply -o free.map --free-sources --max-sources 40 --tolerance 0.1",
+        ),
         ("fit", "fit --boundary p.safetensors -o x.map --tolerance 0.01"),
         (
             "fit",

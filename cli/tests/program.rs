@@ -391,6 +391,53 @@ fn a_missed_tolerance_comes_with_advice_that_fits() {
     assert_eq!(json(&output)["refinement_end"], "tolerance");
 }
 
+#[test]
+fn free_sources_meet_the_boundary_better_than_as_many_fixed_ones_and_are_refused_where_they_are_many() {
+    let place = Workplace::new();
+    let ball = shapes::sphere(1.0, 5);
+    place.surface("ball.ply", &ball);
+    let near = Point::new(1.5, 0.4, 0.2);
+    let pulled = |p: &Point| p + (p - near) * 0.3 / (p - near).norm().powi(3);
+    place.surface("pulled.ply", &shapes::deformed(&ball, pulled));
+    let fit = "fit ball.ply --image pulled.ply --tolerance 0.1 --json --max-sources";
+    let fixed = json(&place.ends_with(0, &format!("{fit} 50 --method dense --c-ratio 12 -o fixed.map")));
+    let free = json(&place.ends_with(0, &format!("{fit} 50 --free-sources -o free.map")));
+    let error = |report: &Value| report["boundary_error"]["p99"].as_f64().unwrap();
+    assert!(error(&free) < 0.5 * error(&fixed), "{free}");
+    let moved = &free["free_sources"];
+    assert_eq!(moved["boundary_error_before"], fixed["boundary_error"]);
+    assert_eq!(
+        (&moved["kept"], &free["sources"]),
+        (&serde_json::json!(true), &fixed["sources"])
+    );
+    assert!(moved["residual_after"].as_f64() < moved["residual_before"].as_f64());
+    assert!(fixed.get("free_sources").is_none());
+    let shown = place.ends_with(
+        0,
+        "fit ball.ply --image pulled.ply --tolerance 0.1 --max-sources 50 --free-sources -o x.map",
+    );
+    assert!(text(&shown.stdout).contains("free sources"), "{}", text(&shown.stdout));
+
+    // The file is a map like any other.
+    std::fs::write(place.path("at.csv"), "x,y,z\n0.1,0.2,0.3\n").unwrap();
+    place.ends_with(0, "eval free.map at.csv -o images.csv");
+    place.ends_with(0, "energy free.map --resolution 8");
+
+    let fit = "fit ball.ply --image pulled.ply -o x.map --free-sources";
+    place.fails(fit, &["cannot map `ball.ply`", "free sources", "--max-sources"]);
+    place.fails(&format!("{fit} --max-sources 50 --method schwarz"), &["dense"]);
+    place.fails(
+        &format!("{fit} --max-sources 50 --c-ratio 1.5"),
+        &["--c-ratio", "--s-ratio"],
+    );
+    let missed = place.ends_with(1, &format!("{fit} --max-sources 20 --tolerance 1e-9"));
+    assert!(
+        stderr(&missed).contains("leave out --free-sources"),
+        "{}",
+        stderr(&missed)
+    );
+}
+
 /// Starts the program in the folder and interrupts it once `is_time`; its output, and how long it took to end.
 #[cfg(unix)]
 fn interrupted(place: &Workplace, line: &str, is_time: impl Fn() -> bool) -> (Output, std::time::Duration) {

@@ -300,11 +300,12 @@ impl Boundaries {
     }
 }
 
-/// The options of a preset: 0 adaptive, 1 dense, 2 the paper's.
+/// The options of a preset: 0 adaptive, 1 dense, 2 the paper's, 3 with free sources.
 pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
     fit_for_cpp(&match preset {
         0 => FitOptions::adaptive(),
         1 => FitOptions::dense(),
+        3 => FitOptions::with_free_sources(),
         _ => FitOptions::paper(),
     })
 }
@@ -339,6 +340,7 @@ pub fn fit_for_cpp(options: &FitOptions) -> ffi::FitOptions {
         max_error_ratio: options.max_error_ratio,
         max_local_error: options.max_local_error,
         refine: options.refine,
+        free_sources: options.free_sources,
         memory: options.memory.unwrap_or(0),
         held_out: options.held_out,
         seed: options.seed,
@@ -446,6 +448,8 @@ impl Map {
             p99: f64::NAN,
             max: f64::NAN,
         });
+        let free = report.free_sources;
+        let before = free.map(|free| free.boundary_error_before).unwrap_or_default();
         Ok(ffi::FitReport {
             vertices: report.vertices,
             triangles: report.faces,
@@ -455,6 +459,15 @@ impl Map {
             iterations: report.iterations,
             refinements: report.refinements,
             refinement_end: report.refinement_end.as_ref().map(name_of).unwrap_or_default(),
+            has_free_sources: free.is_some(),
+            free_rounds: free.map_or(0, |free| free.rounds),
+            free_end: free.map(|free| name_of(&free.end)).unwrap_or_default(),
+            free_residual_before: free.map_or(f64::NAN, |free| free.residual_before),
+            free_residual_after: free.map_or(f64::NAN, |free| free.residual_after),
+            free_rms_before: before.rms,
+            free_p99_before: before.p99,
+            free_max_before: before.max,
+            free_kept: free.is_some_and(|free| free.kept),
             rms: report.boundary_error.rms,
             p99: report.boundary_error.p99,
             max: report.boundary_error.max,
@@ -746,6 +759,7 @@ pub fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
         max_error_ratio: options.max_error_ratio,
         max_local_error: options.max_local_error,
         refine: options.refine,
+        free_sources: options.free_sources,
         memory: (options.memory > 0).then_some(options.memory),
         held_out: options.held_out,
         seed: options.seed,
@@ -766,6 +780,11 @@ pub fn on_phase(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
             format!("iteration {iteration}, residual {residual:.2e}"),
         ),
         Phase::Measuring => ("measuring", f64::NAN, String::new()),
+        Phase::MovingSources { round, residual } => (
+            "moving sources",
+            f64::NAN,
+            format!("round {round}, residual {residual:.2e}"),
+        ),
         Phase::Refining { round, error, sources } => (
             "refining",
             f64::NAN,

@@ -28,6 +28,7 @@ ffi::FitOptions detail::for_rust(const FitOptions& options) {
   to.max_error_ratio = options.max_error_ratio;
   to.max_local_error = options.max_local_error;
   to.refine = options.refine;
+  to.free_sources = options.free_sources;
   to.memory = options.memory.value_or(0);
   to.held_out = options.held_out;
   to.seed = options.seed;
@@ -50,6 +51,7 @@ FitOptions detail::converted(const ffi::FitOptions& from) {
   options.max_error_ratio = from.max_error_ratio;
   options.max_local_error = from.max_local_error;
   options.refine = from.refine;
+  options.free_sources = from.free_sources;
   if (from.memory > 0) options.memory = from.memory;
   options.held_out = from.held_out;
   options.seed = from.seed;
@@ -72,6 +74,7 @@ std::vector<HarmonicMap> taken(rust::Box<ffi::Maps> maps) {
 FitOptions FitOptions::adaptive() { return converted(ffi::fit_defaults(0)); }
 FitOptions FitOptions::dense() { return converted(ffi::fit_defaults(1)); }
 FitOptions FitOptions::paper() { return converted(ffi::fit_defaults(2)); }
+FitOptions FitOptions::with_free_sources() { return converted(ffi::fit_defaults(3)); }
 
 HarmonicMap fit(const BoundaryMap& boundary, const FitOptions& options, const ProgressCallback& progress) {
   return watched(progress, [&](const Watcher& watcher) {

@@ -1,5 +1,7 @@
 #include "solidmap/harmonic_map.hpp"
 
+#include <utility>
+
 #include "access.hpp"
 
 namespace solidmap {
@@ -64,6 +66,16 @@ FitReport HarmonicMap::report() const {
   report.iterations = found.iterations;
   report.refinements = found.refinements;
   report.refinement_end = std::string(found.refinement_end);
+  if (found.has_free_sources) {
+    FreeSourcesReport free;
+    free.rounds = found.free_rounds;
+    free.end = std::string(found.free_end);
+    free.residual_before = found.free_residual_before;
+    free.residual_after = found.free_residual_after;
+    free.boundary_error_before = {found.free_rms_before, found.free_p99_before, found.free_max_before};
+    free.kept = found.free_kept;
+    report.free_sources = std::move(free);
+  }
   report.boundary_error = {found.rms, found.p99, found.max};
   report.local_error = {found.local_p99, found.local_max};
   report.residual_rms = found.residual_rms;

@@ -63,6 +63,7 @@ def fit(
     truncation: Optional[float] = None,
     no_affine: bool = False,
     no_refine: bool = False,
+    free_sources: bool = False,
     held_out: int = 20_000,
     seed: int = 1,
     progress: Progress = None,
@@ -118,6 +119,10 @@ def fit(
         Leave the affine functions out of the basis.
     no_refine : bool
         Do not add sources where the tolerance is missed.
+    free_sources : bool
+        Move the sources, from where they are placed to where the residual is least, for maps of few sources: at most 1000
+        (``max_sources``). Takes some hundred times as long as with fixed ones. Implies a dense method, and a ``c_ratio`` of
+        16 times ``s_ratio``, unless others are given.
     held_out : int
         Number of boundary points at which the error is measured.
     seed : int
@@ -238,7 +243,8 @@ class Factor:
     surface : surface
         The boundary of the solid.
     refined_for : array_like or BoundaryMap, optional
-        Images of the vertices, or a boundary map, for which sources are added until the tolerance is met.
+        Images of the vertices, or a boundary map, for which sources are added until the tolerance is met, or moved with
+        ``free_sources``.
     tolerance, max_error, max_local_error : float
         As for :func:`solidmap.fit`.
     progress : bool or callable, optional

@@ -42,6 +42,7 @@ class MethodOptions(TypedDict, total=False):
     truncation: Optional[float]
     no_affine: bool
     no_refine: bool
+    free_sources: bool
     held_out: int
     seed: int
 
@@ -61,6 +62,7 @@ METHOD_DEFAULTS: Dict[str, Any] = {
     "truncation": None,
     "no_affine": False,
     "no_refine": False,
+    "free_sources": False,
     "held_out": 20_000,
     "seed": 1,
 }
@@ -196,7 +198,7 @@ def method(
     }
     for name in ("alpha", "offset", "radius", "s_ratio", "c_ratio", "max_s_ratio", "truncation"):
         converted[name] = optional(number, name, all_options[name])
-    for name in ("paper", "no_affine", "no_refine"):
+    for name in ("paper", "no_affine", "no_refine", "free_sources"):
         converted[name] = flag(name, all_options[name])
     for name in ("held_out", "seed"):
         converted[name] = count(name, all_options[name])

@@ -205,6 +205,17 @@ class LocalError(Report):
     max: float
 
 
+class FreeSourcesReport(Report):
+    """What became of free sources."""
+
+    rounds: int
+    end: str
+    residual_before: float
+    residual_after: float
+    boundary_error_before: BoundaryError
+    kept: bool
+
+
 class FitReport(Report):
     """What a fit did, and how well it meets its boundary map."""
 
@@ -218,6 +229,7 @@ class FitReport(Report):
     iterations: int
     refinements: int
     refinement_end: Optional[str]
+    free_sources: Optional[FreeSourcesReport]
     stop: Optional[str]
     rank: Optional[int]
     condition: Optional[float]
@@ -257,6 +269,10 @@ class FitReport(Report):
         if self.rank is not None:
             condition = "singular" if self.condition is None else f"{self.condition:.1e}"
             rows[2] = ("solver", f"{self.method}, rank {self.rank}, condition {condition}")
+        if self.free_sources is not None:
+            moved = self.free_sources
+            text = f"{moved.rounds} rounds, residual {moved.residual_before:.2e} to {moved.residual_after:.2e}"
+            rows.append(("free sources", text if moved.kept else f"{text}; not used, since the boundary error rose"))
         if self.seconds:
             total, factor = self.seconds["total"], self.seconds["factor"]
             rows.append(("time", f"{total:.2f} s, of which factoring {factor:.2f} s"))

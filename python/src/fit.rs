@@ -6,7 +6,10 @@ use numpy::{PyArray2, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::fit::{DomainFactor, Fit, FitMethod, FitOptions, FitSize, Phase, Placement, self_intersection_warning};
+use solidmap::fit::{
+    COLLOCATION_PER_FREE_SOURCE, DomainFactor, Fit, FitMethod, FitOptions, FitSize, Phase, Placement,
+    self_intersection_warning,
+};
 use solidmap::mesh::SurfaceMesh;
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
@@ -38,6 +41,7 @@ pub struct FitArguments {
     pub truncation: Option<f64>,
     pub no_affine: bool,
     pub no_refine: bool,
+    pub free_sources: bool,
     pub held_out: usize,
     pub seed: u64,
 }
@@ -79,6 +83,7 @@ impl FitArguments {
             },
         };
         let by_default = match base.method {
+            FitMethod::Schwarz { .. } if self.free_sources => "dense",
             FitMethod::Schwarz { .. } => "schwarz",
             FitMethod::Dense { .. } => "svd",
         };
@@ -97,10 +102,15 @@ impl FitArguments {
             "svd" => dense(Decomposition::Svd),
             _ => dense(Decomposition::Qr),
         };
+        let source_ratio = self.s_ratio.unwrap_or(base.source_ratio);
+        let collocation_ratio = match self.free_sources {
+            true => COLLOCATION_PER_FREE_SOURCE * source_ratio,
+            false => base.collocation_ratio,
+        };
         Ok(FitOptions {
             method,
-            source_ratio: self.s_ratio.unwrap_or(base.source_ratio),
-            collocation_ratio: self.c_ratio.unwrap_or(base.collocation_ratio),
+            source_ratio,
+            collocation_ratio: self.c_ratio.unwrap_or(collocation_ratio),
             max_sources: self.max_sources.unwrap_or(method.default_max_sources()),
             max_source_ratio: self.max_s_ratio.unwrap_or(base.max_source_ratio),
             affine: !self.no_affine,
@@ -108,6 +118,7 @@ impl FitArguments {
             max_error_ratio: self.max_error,
             max_local_error: self.max_local_error,
             refine: !self.no_refine,
+            free_sources: self.free_sources,
             memory: self.memory,
             held_out: self.held_out,
             seed: self.seed,
@@ -128,6 +139,11 @@ pub fn fit_step(phase: Phase) -> Step {
             format!("iteration {iteration}, residual {residual:.1e}"),
         ),
         Phase::Measuring => step("measuring the boundary error"),
+        Phase::MovingSources { round, residual } => of(
+            "moving sources",
+            None,
+            format!("round {round}, residual {residual:.1e}"),
+        ),
         Phase::Refining { round, error, sources } => of(
             "refining",
             None,

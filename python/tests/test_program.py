@@ -28,6 +28,7 @@ def folder(tmp_path_factory, ball, images):
         (["--tolerance", "1e-4", "--seed", "7"], {"tolerance": 1e-4, "seed": 7}),
         (["--no-refine", "--s-ratio", "0.5", "--no-affine"], {"no_refine": True, "s_ratio": 0.5, "no_affine": True}),
         (["--alpha", "1.5", "--held-out", "500"], {"alpha": 1.5, "held_out": 500}),
+        (["--free-sources", "--max-sources", "40"], {"free_sources": True, "max_sources": 40}),
         (["--max-error", "5", "--max-local-error", "0.5"], {"max_error": 5, "max_local_error": 0.5}),
     ],
 )

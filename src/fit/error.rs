@@ -35,6 +35,21 @@ pub enum FitError {
         "the Schwarz solver needs sources near the surface: use the adaptive placement, or a dense solver with this one"
     )]
     SchwarzNeedsNearSources,
+    /// Free sources were asked for with the Schwarz solver.
+    #[error(
+        "free sources need a dense solver, which the Schwarz solver is not: use QR or the singular value decomposition"
+    )]
+    FreeSourcesNeedDense,
+    /// There are more sources than it pays to move.
+    #[error(
+        "{sources} free sources would take too long for what they gain, and at most {most} are allowed: ask for fewer          (`max_sources`), or leave the sources where they are placed, which meets the same error sooner with more of them"
+    )]
+    TooManyFreeSources {
+        /// Sources asked for.
+        sources: usize,
+        /// Most that may be free: [`MOST_FREE_SOURCES`](crate::fit::MOST_FREE_SOURCES).
+        most: usize,
+    },
     /// Sources on an offset surface need the feature `native`.
     #[error("an offset surface needs CGAL; build with the feature `native`, or use the adaptive placement")]
     NeedsNative,

@@ -8,6 +8,7 @@ mod distant;
 mod domain;
 mod error;
 mod frames;
+mod free_sources;
 mod held_out;
 mod image_spacing;
 mod levels;
@@ -18,6 +19,7 @@ mod refinement;
 mod report;
 mod self_intersections;
 mod size;
+mod source_room;
 mod system;
 mod timings;
 mod unit_frame;
@@ -31,6 +33,7 @@ use std::sync::Arc;
 pub(crate) use boundary_data::is_flat;
 pub use error::FitError;
 pub use frames::{FrameEvaluator, FrameImages};
+pub use free_sources::{COLLOCATION_PER_FREE_SOURCE, FreeSourcesEnd, FreeSourcesReport, MOST_FREE_SOURCES};
 pub use held_out::boundary_error;
 pub use options::{FitMethod, FitOptions, Placement};
 pub use phase::Phase;
@@ -103,7 +106,11 @@ impl DomainFactor {
         progress.enter(Phase::Checking)?;
         options.require_valid()?;
         let options = options.with_memory_limit();
-        FitSize::of(domain, &options).require_memory(&options)?;
+        let size = FitSize::of(domain, &options);
+        if options.free_sources {
+            free_sources::require_worth(&size)?;
+        }
+        size.require_memory(&options)?;
         let (domain, mut warnings) = checked(domain)?;
 
         progress.enter(Phase::Sampling)?;
@@ -192,7 +199,7 @@ impl DomainFactor {
     }
 
     /// The map for one boundary map of this domain, with finer sources added where its error is too large for the
-    /// tolerance. They stay, and serve later boundary maps as well.
+    /// tolerance, or with free sources moved. They stay, and serve later boundary maps as well.
     ///
     /// Ends with the best map when the tolerance is met, no more sources or memory are allowed, or three consecutive
     /// rounds did not help. A dense system is never refined.
@@ -219,6 +226,9 @@ impl DomainFactor {
         let data = self.data_of(boundary)?;
         let (first, solution) = self.solve_one(&data, None, &Progress(&until_solved))?;
         let (mut best, end) = match self.options.method {
+            FitMethod::Dense { .. } if self.options.free_sources => {
+                self.free_sources(&data, first, &control, &|| concluded.get())?
+            }
             _ if self.is_met_by(&first) => (first, RefinementEnd::Tolerance),
             FitMethod::Dense { .. } => (first, RefinementEnd::Fixed),
             FitMethod::Schwarz { .. } if !self.options.refine => (first, RefinementEnd::Off),
@@ -285,6 +295,56 @@ impl DomainFactor {
         drop(latest);
         let mut best = Rc::unwrap_or_clone(best);
         best.timings = spent;
+        Ok((best, end))
+    }
+
+    /// The map with free sources moved, or the first one where that is better, and why no sources are added. The system keeps the
+    /// sources of that map.
+    fn free_sources(
+        &mut self,
+        data: &BoundaryData,
+        first: MeasuredMap,
+        control: &dyn Fn(Phase) -> ProgressControl,
+        is_concluded: &dyn Fn() -> bool,
+    ) -> Result<(MeasuredMap, RefinementEnd), FitError> {
+        let mut clock = Stopwatch::start();
+        let until_solved = |phase| control(phase).control_flow();
+        let progress = Progress(&until_solved);
+        let values = right_hand_sides(std::slice::from_ref(data), &self.system.collocation);
+        let freed = self.system.free_sources(&self.domain, &values, control)?;
+        let end = match is_concluded() {
+            true => RefinementEnd::Concluded,
+            false => RefinementEnd::Fixed,
+        };
+        let Some(freed) = freed else {
+            return Ok((first, end));
+        };
+        let (moved, mut report) = freed.of(&first.report);
+        let Some(system) = self.system.with_sources(moved, &progress)? else {
+            return Ok((first, end));
+        };
+        let moving = clock.lap();
+        let placed = std::mem::replace(&mut self.system, system);
+        self.held_out.forget_sources();
+        let solved = self.solve_one(data, None, &progress);
+        let (solved, is_better) = match solved {
+            Ok((map, _)) => {
+                let error = |map: &MeasuredMap| self.options.criterion(&map.report);
+                let is_better = error(&map) < error(&first);
+                (Ok(map), is_better)
+            }
+            Err(error) => (Err(error), false),
+        };
+        if !is_better {
+            self.system = placed;
+            self.held_out.forget_sources();
+        }
+        let map = solved?;
+        let spent = first.timings.with(map.timings.solve + moving, map.timings.check);
+        report.kept = is_better;
+        let mut best = if is_better { map } else { first };
+        best.timings = spent;
+        best.report.free_sources = Some(report);
         Ok((best, end))
     }
 

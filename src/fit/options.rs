@@ -1,6 +1,6 @@
 //! What can be chosen about a fit.
 
-use super::{FitError, FitReport};
+use super::{COLLOCATION_PER_FREE_SOURCE, FitError, FitReport};
 use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, DenseOptions, SchwarzOptions};
@@ -129,6 +129,12 @@ pub struct FitOptions {
     /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz
     /// solver.
     pub refine: bool,
+    /// Whether [`fit`](crate::fit::fit) moves the sources, from where they are placed to where the residual is least. Needs a
+    /// dense solver, at most [`MOST_FREE_SOURCES`](crate::fit::MOST_FREE_SOURCES) sources, and two collocation points for
+    /// each or more ([`COLLOCATION_PER_FREE_SOURCE`](crate::fit::COLLOCATION_PER_FREE_SOURCE) are good). There are up to thirty
+    /// rounds, and each takes some fifteen times as long as the fit with the same sources fixed: for maps that are to have few
+    /// sources.
+    pub free_sources: bool,
     /// Bytes that a fit may need by the estimate [`FitSize::bytes`](crate::fit::FitSize::bytes): more is refused, and
     /// refinement ends where it would need more. `None` for [`default_budget`](crate::memory::default_budget) at the
     /// start (less where the address space is limited), or no limit where the system does not say what is available.
@@ -151,6 +157,16 @@ impl FitOptions {
             placement: FitMethod::default().placement(),
             options: DenseOptions::default(),
         })
+    }
+
+    /// As [`Self::dense`], with free sources: few, and with more collocation points for each. Set
+    /// [`max_sources`](Self::max_sources), unless the domain has few vertices.
+    pub fn with_free_sources() -> Self {
+        Self {
+            collocation_ratio: COLLOCATION_PER_FREE_SOURCE,
+            free_sources: true,
+            ..Self::dense()
+        }
     }
 
     /// The paper's settings (sections 4.1 to 4.5): an offset surface at 0.1 of the diagonal, sRatio 0.6, collocation at
@@ -183,6 +199,7 @@ impl FitOptions {
             max_error_ratio: 20.0,
             max_local_error: f64::INFINITY,
             refine: true,
+            free_sources: false,
             memory: None,
             held_out: 20_000,
             seed: 1,
@@ -240,6 +257,12 @@ impl FitOptions {
             "collocation_ratio",
             collocation,
             "at least `source_ratio`, so that the system is not underdetermined",
+        )?;
+        require(
+            !self.free_sources || collocation >= 2.0 * sources,
+            "collocation_ratio",
+            collocation,
+            "at least twice `source_ratio` with free sources, whose positions are unknowns, too",
         )?;
         require(self.max_sources > 0, "max_sources", 0.0, "positive")?;
         let most = self.max_source_ratio;

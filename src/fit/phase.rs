@@ -34,6 +34,13 @@ pub enum Phase {
     },
     /// Measuring the boundary error.
     Measuring,
+    /// Moving free sources.
+    MovingSources {
+        /// The round, from 1.
+        round: usize,
+        /// Root mean square residual so far, as a fraction of the target's diagonal.
+        residual: f64,
+    },
     /// Adding sources where the error is too large.
     Refining {
         /// The round, from 1.

@@ -1,6 +1,6 @@
 use super::held_out::HeldOutErrors;
 use super::system::{System, SystemSolution};
-use super::{FitOptions, FitTimings, Placement};
+use super::{FitOptions, FitTimings, FreeSourcesReport, Placement};
 use crate::boundary_map::BoundaryMap;
 use crate::map::HarmonicMap;
 use crate::mesh::SurfaceMesh;
@@ -58,6 +58,9 @@ pub struct FitReport {
     /// Why no more sources were added; `None` for a solve that does not refine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refinement_end: Option<RefinementEnd>,
+    /// What became of free sources, where they were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub free_sources: Option<FreeSourcesReport>,
     /// Why an iterative solver ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stop: Option<SchwarzStop>,
@@ -110,6 +113,7 @@ impl FitReport {
             iterations: solution.iterations,
             refinements: size.refinements,
             refinement_end: None,
+            free_sources: None,
             stop: solution.stop,
             rank: dense.map(|(rank, _)| rank),
             condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),

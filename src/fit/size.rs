@@ -28,6 +28,8 @@ pub struct FitSize {
     pub patch_entries: Option<u64>,
     /// How the system is solved.
     pub method: FitMethod,
+    /// Whether the sources are moved.
+    pub free_sources: bool,
 }
 
 impl FitSize {
@@ -46,6 +48,7 @@ impl FitSize {
             refinements: 0,
             patch_entries: None,
             method: options.method,
+            free_sources: options.free_sources,
         }
     }
 
@@ -73,9 +76,14 @@ impl FitSize {
                 }
                 FitMethod::Dense { options, .. } => {
                     let (tall, square) = (8.0 * rows * sources, 8.0 * sources * sources);
-                    match options.decomposition {
+                    let decomposed = match options.decomposition {
                         Decomposition::Qr => 1.15 * tall,
                         Decomposition::Svd => 3.3 * tall + 8.0 * square,
+                    };
+                    // The decomposition at the start is kept meanwhile.
+                    match self.free_sources {
+                        true => decomposed + (4.0 * tall + 13.0 * square).max(tall + 28.0 * square),
+                        false => decomposed,
                     }
                 }
             }
@@ -235,6 +243,7 @@ mod tests {
                 refinements,
                 patch_entries: None,
                 method,
+                free_sources: false,
             };
             let ratio = size.bytes() as f64 / (measured * 1e6);
             assert!((0.7..1.3).contains(&ratio), "{size:?}: {ratio:.2}");
@@ -251,6 +260,7 @@ mod tests {
             refinements: 0,
             patch_entries: None,
             method: FitMethod::default(),
+            free_sources: false,
         };
         let options = FitOptions {
             memory: Some(2_000_000_000),

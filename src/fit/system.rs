@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::boundary_data::BoundaryData;
 use super::distant::DistantSources;
+use super::free_sources::{FreedSources, freed};
 use super::phase::{Phase, Progress};
 use super::placement::{PlacedPoints, SourceSets};
 use super::refinement::FinerLevel;
@@ -17,10 +18,11 @@ use crate::Point;
 use crate::kernel::Sums;
 use crate::map::HarmonicMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::progress::ProgressControl;
 use crate::sampling::Anchors;
 use crate::solver::{
-    BasisModes, Coefficients, CollocationSystem, Decomposition, DenseFactor, Level, SchwarzFactor, SchwarzOptions,
-    SchwarzStop, SolveError, Values,
+    BasisModes, Coefficients, CollocationSystem, Decomposition, DenseFactor, DenseOptions, Level, SchwarzFactor,
+    SchwarzOptions, SchwarzStop, SolveError, Values,
 };
 
 /// A system with its points placed and nothing factored yet.
@@ -54,9 +56,10 @@ pub(super) struct System {
 enum Factor {
     Dense {
         factor: Box<DenseFactor>,
-        decomposition: Decomposition,
-        /// The collocation points in the unit frame.
+        options: DenseOptions,
+        /// The collocation points and their area shares in the unit frame.
         points: Vec<Point>,
+        areas: Vec<f64>,
     },
     Schwarz(Box<SchwarzFactor>, SchwarzOptions),
 }
@@ -105,10 +108,9 @@ impl UnfactoredSystem {
                 (sources, Factor::Schwarz(Box::new(factor), options))
             }
             SourceSets::Dense(sources, options) => {
-                let mean = self.weights.iter().sum::<f64>() / self.weights.len().max(1) as f64;
                 let system = CollocationSystem {
                     collocation: &self.points,
-                    row_weights: &self.weights.iter().map(|w| (w / mean).sqrt()).collect::<Vec<_>>(),
+                    row_weights: &row_weights(&self.weights),
                     sources: &sources,
                     affine: self.affine,
                 };
@@ -120,8 +122,9 @@ impl UnfactoredSystem {
                 let factor = DenseFactor::new_with_progress(&system, &options, &|| progress.report(phase))?;
                 let factor = Factor::Dense {
                     factor: Box::new(factor),
-                    decomposition: options.decomposition,
+                    options,
                     points: self.points,
+                    areas: self.weights,
                 };
                 (sources, factor)
             }
@@ -323,11 +326,55 @@ impl System {
         Ok(())
     }
 
+    /// Positions of the sources that lower the residual of some boundary values; `None` for the Schwarz solver.
+    pub fn free_sources(
+        &self,
+        domain: &SurfaceMesh,
+        right_hand_sides: &Values,
+        progress: &dyn Fn(Phase) -> ProgressControl,
+    ) -> Result<Option<FreedSources>, FitError> {
+        let Factor::Dense {
+            options, points, areas, ..
+        } = &self.factor
+        else {
+            return Ok(None);
+        };
+        let system = CollocationSystem {
+            collocation: points,
+            row_weights: &row_weights(areas),
+            sources: &self.frame.all_to_unit(&self.sources),
+            affine: self.affine,
+        };
+        let ridge = options.truncation.max(f64::EPSILON);
+        freed(domain, (&system, areas), right_hand_sides, ridge, progress).map(Some)
+    }
+
+    /// The dense system with its sources at other positions, given in the unit frame; `None` for the Schwarz solver.
+    pub fn with_sources(&self, sources: Vec<Point>, progress: &Progress) -> Result<Option<Self>, FitError> {
+        let Factor::Dense {
+            options, points, areas, ..
+        } = &self.factor
+        else {
+            return Ok(None);
+        };
+        let unfactored = UnfactoredSystem {
+            frame: self.frame,
+            size: self.size,
+            anchors: self.anchors.clone(),
+            collocation: self.collocation.clone(),
+            points: points.clone(),
+            weights: areas.clone(),
+            sources: SourceSets::Dense(sources, *options),
+            affine: self.affine,
+        };
+        unfactored.factor(progress).map(Some)
+    }
+
     /// `"schwarz"`, `"dense-qr"` or `"dense-svd"`.
     pub fn method(&self) -> &'static str {
         match self.factor {
             Factor::Schwarz(..) => "schwarz",
-            Factor::Dense { decomposition, .. } => match decomposition {
+            Factor::Dense { options, .. } => match options.decomposition {
                 Decomposition::Qr => "dense-qr",
                 Decomposition::Svd => "dense-svd",
             },
@@ -432,6 +479,12 @@ pub(super) fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Re
     let mut values = Values::new(columns, potential);
     values.add_affine(affine, points);
     Ok(values)
+}
+
+/// The square roots of areas, whose mean is 1: they make the squared residual an integral over the surface.
+fn row_weights(areas: &[f64]) -> Vec<f64> {
+    let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
+    areas.iter().map(|area| (area / mean).sqrt()).collect()
 }
 
 fn positions(domain: &SurfaceMesh, points: &[SurfacePoint]) -> Vec<Point> {

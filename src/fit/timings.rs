@@ -9,7 +9,7 @@ pub struct FitTimings {
     pub sampling: f64,
     /// Factoring the system: patches of the Schwarz solver, or assembling and decomposing a dense matrix.
     pub factor: f64,
-    /// Solving for the boundary data, by iterations or by the decomposition.
+    /// Solving for the boundary data, by iterations or by the decomposition; moving free sources, if there are any.
     pub solve: f64,
     /// Measuring the boundary error.
     pub check: f64,

@@ -12,7 +12,7 @@ use faer::linalg::householder::{
 use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch, recommended_block_size};
 use faer::linalg::solvers::ColPivQr;
 use faer::linalg::triangular_solve;
-use faer::{Conj, Mat, MatRef, Par};
+use faer::{Conj, Mat, MatMut, MatRef, Par};
 
 use super::{Coefficients, CollocationSystem, SolveError, Values};
 use crate::progress::{ON_RAYON, ProgressResponse, run_abandonable};
@@ -253,7 +253,8 @@ fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Factors, usize, f64), Solve
     Ok((Factors::Svd { u, s, v }, rank, condition))
 }
 
-fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Factors, usize, f64) {
+/// Householder vectors below the diagonal with `R` above, and the factors of their blocks.
+pub(super) fn householder_qr(mut matrix: Mat<f64>) -> (Mat<f64>, Mat<f64>) {
     let (rows, columns) = matrix.shape();
     let block = recommended_block_size::<f64>(rows, columns);
     let mut coefficients = Mat::zeros(block, columns);
@@ -266,6 +267,12 @@ fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Factors, usize, f64) {
         MemStack::new(&mut MemBuffer::new(scratch)),
         Default::default(),
     );
+    (matrix, coefficients)
+}
+
+fn qr(matrix: Mat<f64>, truncation: f64) -> (Factors, usize, f64) {
+    let (matrix, coefficients) = householder_qr(matrix);
+    let columns = matrix.ncols();
     let condition = triangular_condition(matrix.as_ref().subrows(0, columns));
     let (mut pivoted, mut rank) = (None, columns);
     let is_well_conditioned = condition * truncation < 1.0;
@@ -339,9 +346,19 @@ fn multiply_upper_transposed(out: &mut Mat<f64>, r: MatRef<'_, f64>, x: &Mat<f64
 
 /// The first `n` rows of `Qᵀ rhs`.
 fn apply_q_transpose(factored: MatRef<'_, f64>, coefficients: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {
-    let (rows, columns) = factored.shape();
+    rotate_with(factored, coefficients, rhs.as_mut(), Par::Seq);
+    rhs.truncate(factored.ncols(), rhs.ncols());
+    rhs
+}
+
+/// `Qᵀ rhs` in the place of `rhs`, of many columns.
+pub(super) fn rotate(factored: MatRef<'_, f64>, coefficients: MatRef<'_, f64>, rhs: MatMut<'_, f64>) {
+    rotate_with(factored, coefficients, rhs, faer::get_global_parallelism());
+}
+
+fn rotate_with(factored: MatRef<'_, f64>, coefficients: MatRef<'_, f64>, rhs: MatMut<'_, f64>, par: Par) {
     let scratch = apply_block_householder_sequence_transpose_on_the_left_in_place_scratch::<f64>(
-        rows,
+        factored.nrows(),
         coefficients.nrows(),
         rhs.ncols(),
     );
@@ -349,12 +366,10 @@ fn apply_q_transpose(factored: MatRef<'_, f64>, coefficients: MatRef<'_, f64>, m
         factored,
         coefficients,
         Conj::No,
-        rhs.as_mut(),
-        Par::Seq,
+        rhs,
+        par,
         MemStack::new(&mut MemBuffer::new(scratch)),
     );
-    rhs.truncate(columns, rhs.ncols());
-    rhs
 }
 
 fn solve_upper(triangle: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {

@@ -11,12 +11,14 @@ mod modes;
 mod patches;
 mod schwarz;
 mod values;
+mod variable_projection;
 
 pub use assemble::CollocationSystem;
 pub use dense::{Decomposition, DenseFactor, DenseOptions};
 pub use modes::BasisModes;
 pub use schwarz::{Level, SchwarzFactor, SchwarzOptions, SchwarzStop, Solution};
 pub use values::Values;
+pub use variable_projection::{GaussNewton, Projection, SeparableSystem};
 
 use crate::Point;
 

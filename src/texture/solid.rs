@@ -351,6 +351,7 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
         refinements: 0,
         patch_entries: None,
         method: options.fit.method,
+        free_sources: options.fit.free_sources,
     };
     let need = size.bytes() as f64;
     let allowed = options.fit.memory.map_or_else(allowed_memory, |bytes| bytes as f64);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, ValueEnum};
-use solidmap::fit::{FitOptions, Placement};
+use solidmap::fit::{COLLOCATION_PER_FREE_SOURCE, FitOptions, MOST_FREE_SOURCES, Placement};
 use solidmap::solver::DenseOptions;
 
 use super::boundary::{BoundaryMapFiles, PairArgs};
@@ -80,7 +80,7 @@ pub struct MethodArgs {
         long,
         help = format!(
             "Collocation points per boundary vertex: up to 1, vertices; 3, vertices and centroids; else spread around \
-             the sources [default: {}; offset and sphere: {}]",
+             the sources [default: {}; offset and sphere: {}; free sources: {COLLOCATION_PER_FREE_SOURCE} times --s-ratio]",
             FitOptions::adaptive().collocation_ratio,
             FitOptions::paper().collocation_ratio
         ),
@@ -112,7 +112,8 @@ pub struct MethodArgs {
     /// starts, and refinement ends there [default: 9/10 of the available memory]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub memory: Option<u64>,
-    /// Solver of the least-squares system [default: schwarz with the adaptive placement, else svd]
+    /// Solver of the least-squares system [default: schwarz with the adaptive placement, dense with --free-sources, else
+    /// svd]
     #[arg(long, value_enum)]
     pub method: Option<MethodKind>,
     #[arg(
@@ -129,6 +130,14 @@ pub struct MethodArgs {
     /// Do not add sources where the tolerance is missed
     #[arg(long)]
     pub no_refine: bool,
+    #[arg(
+        long,
+        help = format!(
+            "Move the sources, from where they are placed to where the residual is least, for maps of few sources: at most \
+             {MOST_FREE_SOURCES} (--max-sources). Takes some hundred times as long as with fixed ones, and needs a dense method"
+        ),
+    )]
+    pub free_sources: bool,
     /// Number of held-out boundary points at which the boundary error is measured
     #[arg(long, default_value_t = FitOptions::adaptive().held_out, value_name = "N")]
     pub held_out: usize,

@@ -8,7 +8,10 @@ use solidmap::bijective::{Bijective, RefinementOptions};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::PairMaps;
 use solidmap::files::{self, MapFile, MapMetadata};
-use solidmap::fit::{FitOptions, FitReport, LocalError, Placement, RefinementEnd, self_intersection_warning};
+use solidmap::fit::{
+    FitOptions, FitReport, FreeSourcesEnd, FreeSourcesReport, LocalError, Placement, RefinementEnd,
+    self_intersection_warning,
+};
 use solidmap::io;
 use solidmap::map::HarmonicMap;
 use solidmap::remesh::DEFAULT_EFFORT;
@@ -369,8 +372,34 @@ fn refinement(report: &FitReport) -> String {
     end.map_or(rounds.clone(), |end| format!("{rounds}, {end}"))
 }
 
+fn free_sources(moved: FreeSourcesReport) -> String {
+    let rounds = match moved.rounds {
+        1 => "1 round".to_owned(),
+        rounds => format!("{rounds} rounds"),
+    };
+    let end = match moved.end {
+        FreeSourcesEnd::Converged => "",
+        FreeSourcesEnd::Rounds => ", the most that are made",
+        FreeSourcesEnd::Concluded => ", ended by --time-limit",
+    };
+    let kept = match moved.kept {
+        true => "",
+        false => "; not used, since the boundary error rose",
+    };
+    format!(
+        "{rounds}{end}, residual {:.2e} to {:.2e}{kept}",
+        moved.residual_before, moved.residual_after
+    )
+}
+
 fn summary(report: &FitSummary) -> String {
     let mut rows = fit_rows(&report.fit);
+    rows.extend(
+        report
+            .fit
+            .free_sources
+            .map(|moved| ["free sources".into(), free_sources(moved)]),
+    );
     rows.push([
         "tolerance".into(),
         format!(
@@ -399,6 +428,9 @@ fn advice(fit: &FitReport) -> &'static str {
         Some(RefinementEnd::MaxSourceRatio) => {
             "More sources helped little: --vtu shows where the boundary map jumps, folds, or is too coarse. Or raise \
              --max-s-ratio, or the tolerance"
+        }
+        _ if fit.free_sources.is_some() => {
+            "Raise --max-sources, or leave out --free-sources: sources are then added where the error is large"
         }
         Some(RefinementEnd::Concluded) => "Raise --time-limit, or the tolerance",
         Some(RefinementEnd::Memory) => "Raise --memory, or the tolerance",

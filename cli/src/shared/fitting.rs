@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::fit::{Fit, FitMethod, FitOptions, Phase, Placement, fit};
+use solidmap::fit::{COLLOCATION_PER_FREE_SOURCE, Fit, FitMethod, FitOptions, Phase, Placement, fit};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
 use super::interrupt;
@@ -51,6 +51,7 @@ fn in_words(phase: Phase) -> String {
         Phase::Factoring { .. } => "factoring patches".into(),
         Phase::Solving | Phase::Iterating { .. } => "solving".into(),
         Phase::Measuring => "measuring the boundary error".into(),
+        Phase::MovingSources { round, residual } => format!("moving sources, round {round}: residual {residual:.1e}"),
         Phase::Refining { round, error, sources } => {
             format!("refinement {round}: error {error:.1e}, {sources} sources")
         }
@@ -76,6 +77,7 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         PlacementKind::Sphere => Placement::Sphere { radius: parameter },
     };
     let kind = args.method.unwrap_or(match base.method {
+        FitMethod::Schwarz { .. } if args.free_sources => MethodKind::Dense,
         FitMethod::Schwarz { .. } => MethodKind::Schwarz,
         FitMethod::Dense { options, .. } if options.decomposition == Decomposition::Qr => MethodKind::Dense,
         FitMethod::Dense { .. } => MethodKind::Svd,
@@ -96,10 +98,15 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
                 .map_err(|error| anyhow::anyhow!("{error} (--placement adaptive; --method dense or svd)"))?
         }
     };
+    let source_ratio = args.s_ratio.unwrap_or(base.source_ratio);
+    let collocation_ratio = match args.free_sources {
+        true => COLLOCATION_PER_FREE_SOURCE * source_ratio,
+        false => base.collocation_ratio,
+    };
     Ok(FitOptions {
         method,
-        source_ratio: args.s_ratio.unwrap_or(base.source_ratio),
-        collocation_ratio: args.c_ratio.unwrap_or(base.collocation_ratio),
+        source_ratio,
+        collocation_ratio: args.c_ratio.unwrap_or(collocation_ratio),
         max_sources: args.max_sources.unwrap_or(method.default_max_sources()),
         max_source_ratio: args.max_s_ratio.unwrap_or(base.max_source_ratio),
         affine: !args.no_affine,
@@ -107,6 +114,7 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         max_error_ratio: base.max_error_ratio,
         max_local_error: base.max_local_error,
         refine: !args.no_refine,
+        free_sources: args.free_sources,
         memory: args.memory,
         held_out: args.held_out,
         seed: args.seed,

@@ -59,6 +59,10 @@ struct FitOptions {
   double max_local_error = std::numeric_limits<double>::infinity();
   /// Whether fit() adds sources where the error exceeds the tolerance. Solver::schwarz only.
   bool refine = true;
+  /// Whether fit() and Factor::refined_for() move the sources, from where they are placed to where the residual is least: for
+  /// maps of few sources. Solver::qr or svd, at most 1000 sources, and at least two collocation points for each, better 16
+  /// (`collocation_ratio` over `source_ratio`). Takes some hundred times as long as with fixed ones. FitOptions::with_free_sources() sets it.
+  bool free_sources = false;
   /// Largest number of sources, refinement included.
   std::size_t max_sources = 2'000'000;
   /// Largest number of sources after refinement, per boundary vertex; 50 000 are allowed in any case. Infinity: no limit.
@@ -87,6 +91,8 @@ struct FitOptions {
   static FitOptions adaptive();
   /// A dense decomposition with at most 5000 sources.
   static FitOptions dense();
+  /// As dense(), with free sources and 16 collocation points for each. Set `max_sources`, unless the domain has few vertices.
+  static FitOptions with_free_sources();
   /// The settings of Li et al. 2007, but with the affine functions: sources on an offset surface, 0.6 for each vertex,
   /// a collocation point at each vertex, singular value decomposition, at most 3000 sources. Needs CGAL (has_native()).
   static FitOptions paper();

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -39,6 +40,20 @@ struct LocalError {
   double p99 = 0, max = 0;
 };
 
+/// What became of free sources.
+struct FreeSourcesReport {
+  /// Rounds that moved the sources, and why there were no more: `"converged"`, `"rounds"` (as many as are made), or
+  /// `"concluded"` (by the progress callback).
+  std::size_t rounds = 0;
+  std::string end;
+  /// Root mean square misfit at the collocation points, over the area, as a fraction of the target's diagonal.
+  double residual_before = 0, residual_after = 0;
+  /// With the sources where they were placed.
+  BoundaryError boundary_error_before;
+  /// Whether the map has the moved sources: not if its boundary error would be larger.
+  bool kept = false;
+};
+
 /// What a fit did, and how well it meets its boundary map.
 struct FitReport {
   std::size_t vertices = 0, triangles = 0;
@@ -52,6 +67,8 @@ struct FitReport {
   /// sources outside the domain); empty where no tolerance was set. `boundary_error` tells whether it is met.
   std::size_t refinements = 0;
   std::string refinement_end;
+  /// What became of free sources, where they were asked for.
+  std::optional<FreeSourcesReport> free_sources;
   BoundaryError boundary_error;
   LocalError local_error;
   /// Residual at the collocation points: root mean square as a fraction of the target's diagonal, and the C-Error of Li

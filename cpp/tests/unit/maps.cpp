@@ -32,6 +32,31 @@ TEST_CASE("the defaults in the header are those of the library") {
   CHECK(FitOptions::dense().max_sources == 5000);
   CHECK((FitOptions::paper().placement.kind == Placement::Kind::offset));
   CHECK((FitOptions::paper().solver == Solver::svd));
+  CHECK((FitOptions::with_free_sources().free_sources && FitOptions::with_free_sources().solver == Solver::qr));
+  CHECK(!FitOptions::dense().free_sources);
+}
+
+TEST_CASE("free sources lower the residual of as many fixed ones") {
+  FitOptions options = FitOptions::with_free_sources();
+  options.max_sources = 60;
+  const HarmonicMap free = fit(twisted_ball(), options);
+  options.free_sources = false;
+  const HarmonicMap fixed = fit(twisted_ball(), options);
+  const FitReport report = free.report();
+  REQUIRE(report.free_sources);
+  CHECK(report.free_sources->rounds > 0);
+  CHECK(report.free_sources->kept);
+  CHECK(!report.free_sources->end.empty());
+  CHECK(report.free_sources->residual_after < report.free_sources->residual_before);
+  CHECK(report.free_sources->boundary_error_before.p99 == fixed.boundary_error().p99);
+  CHECK(report.boundary_error.p99 < fixed.boundary_error().p99);
+  CHECK(free.sources().size() == fixed.sources().size());
+  CHECK(!fixed.report().free_sources);
+  options.free_sources = true;
+  options.max_sources = 10'000;
+  options.source_ratio = 1;
+  CHECK(thrown_by([&] { fit(BoundaryMap(shapes::sphere(1.0, 5), shapes::sphere(1.0, 5).vertices()), options); }) ==
+        "invalid_input");
 }
 
 TEST_CASE("an affine map is reproduced inside") {

@@ -88,6 +88,7 @@ inline void check_same(const solidmap::FitOptions& a, const solidmap::FitOptions
   CHECK(a.max_source_ratio == b.max_source_ratio);
   CHECK(a.max_error_ratio == b.max_error_ratio);
   CHECK(a.max_local_error == b.max_local_error);
+  CHECK(a.free_sources == b.free_sources);
   CHECK(a.memory == b.memory);
   CHECK((a.placement.kind == b.placement.kind && a.placement.value == b.placement.value));
   CHECK(a.source_ratio == b.source_ratio);

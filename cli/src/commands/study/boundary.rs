@@ -259,15 +259,19 @@ fn settings_in_common(args: &StudyBoundaryArgs, options: &FitOptions) -> String 
         max_error_ratio,
         max_local_error,
         refine,
+        free_sources,
         memory: _,
         held_out,
         seed,
     } = options;
     let energies = args.accuracy.options();
+    // Rows of tables that were made before there were free sources stay as they are.
+    let free_sources = if free_sources { " free-sources" } else { "" };
     format!(
         "{method:?} s-ratio={source_ratio} c-ratio={collocation_ratio} max-sources={max_sources} \
          max-s-ratio={max_source_ratio} affine={affine} tolerance={tolerance} max-error={max_error_ratio} \
-         max-local-error={max_local_error} refine={refine} held-out={held_out} seed={seed} \
+         max-local-error={max_local_error} refine={refine}{free_sources} held-out={held_out} \
+         seed={seed} \
          resolution={:?} energy-tolerance={} lame={lame:?}",
         energies.resolution, energies.tolerance
     )
