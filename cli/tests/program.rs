@@ -400,7 +400,7 @@ fn free_sources_meet_the_boundary_better_than_as_many_fixed_ones_and_are_refused
     let pulled = |p: &Point| p + (p - near) * 0.3 / (p - near).norm().powi(3);
     place.surface("pulled.ply", &shapes::deformed(&ball, pulled));
     let fit = "fit ball.ply --image pulled.ply --tolerance 0.1 --json --max-sources";
-    let fixed = json(&place.ends_with(0, &format!("{fit} 50 --method dense --c-ratio 12 -o fixed.map")));
+    let fixed = json(&place.ends_with(0, &format!("{fit} 50 --method dense --c-ratio 16 -o fixed.map")));
     let free = json(&place.ends_with(0, &format!("{fit} 50 --free-sources -o free.map")));
     let error = |report: &Value| report["boundary_error"]["p99"].as_f64().unwrap();
     assert!(error(&free) < 0.5 * error(&fixed), "{free}");
