@@ -425,7 +425,7 @@ fn free_sources_meet_the_boundary_better_than_as_many_fixed_ones_and_are_refused
 
     let fit = "fit ball.ply --image pulled.ply -o x.map --free-sources";
     place.fails(fit, &["cannot map `ball.ply`", "free sources", "--max-sources"]);
-    place.fails(&format!("{fit} --max-sources 50 --method schwarz"), &["dense"]);
+    place.fails(&format!("{fit} --max-sources 50 --method schwarz"), &["--method dense"]);
     place.fails(
         &format!("{fit} --max-sources 50 --c-ratio 1.5"),
         &["--c-ratio", "--s-ratio"],

@@ -42,7 +42,8 @@ pub enum FitError {
     FreeSourcesNeedDense,
     /// There are more sources than it pays to move.
     #[error(
-        "{sources} free sources would take too long for what they gain, and at most {most} are allowed: ask for fewer          (`max_sources`), or leave the sources where they are placed, which meets the same error sooner with more of them"
+        "{sources} free sources would take too long for what they gain, and at most {most} are allowed: ask for fewer \
+         (`max_sources`), or leave the sources where they are placed, which meets the same error sooner with more of them"
     )]
     TooManyFreeSources {
         /// Sources asked for.

@@ -429,10 +429,10 @@ fn advice(fit: &FitReport) -> &'static str {
             "More sources helped little: --vtu shows where the boundary map jumps, folds, or is too coarse. Or raise \
              --max-s-ratio, or the tolerance"
         }
+        Some(RefinementEnd::Concluded) => "Raise --time-limit, or the tolerance",
         _ if fit.free_sources.is_some() => {
             "Raise --max-sources, or leave out --free-sources: sources are then added where the error is large"
         }
-        Some(RefinementEnd::Concluded) => "Raise --time-limit, or the tolerance",
         Some(RefinementEnd::Memory) => "Raise --memory, or the tolerance",
         Some(RefinementEnd::Off) => "Leave out --no-refine: sources are then added where the error is large",
         Some(RefinementEnd::Fixed) if is_adaptive => "Use --method schwarz: it adds sources where the error is large",

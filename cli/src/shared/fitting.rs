@@ -94,6 +94,7 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         MethodKind::Svd => dense(Decomposition::Svd),
         MethodKind::Schwarz => {
             anyhow::ensure!(args.truncation.is_none(), "--truncation needs --method dense or svd");
+            anyhow::ensure!(!args.free_sources, "--free-sources needs --method dense or svd");
             FitMethod::schwarz(placement, SchwarzOptions::default())
                 .map_err(|error| anyhow::anyhow!("{error} (--placement adaptive; --method dense or svd)"))?
         }
