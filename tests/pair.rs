@@ -148,6 +148,41 @@ fn landmarks_are_met_exactly_and_the_rest_follows() {
     }
 }
 
+/// The map without landmarks is made to meet them, too, and the better one is taken: as good as either, up to what the energy of
+/// triangles that bend, by which maps are compared, differs from that of the map.
+#[test]
+fn a_few_landmarks_are_met_from_the_map_without_them_too() {
+    let (domain, target) = (lumpy(10), other_lumpy());
+    let nearest = |p: Point| {
+        let distance = |w: &u32| (target.vertices()[*w as usize] - p).norm();
+        (0..target.vertices().len() as u32)
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .unwrap()
+    };
+    let (free, _) = pair(&domain, &target, &PairOptions::default());
+    // A tenth of the diagonal from where they go without.
+    let off = 0.1 * target.diagonal();
+    let aside = Vector::new(0.0, off, 0.0);
+    let pairs = [7, 150, 333].map(|v| [v, nearest(free.image()[v as usize] + aside)]);
+    let options = with_landmarks(pairs.into(), &domain, &target);
+    let (_, report) = pair(&domain, &target, &options);
+    let has_both = report
+        .starts
+        .iter()
+        .any(|start| start.kind == PairStartKind::WithoutLandmarks);
+    assert!(has_both && report.timings.reversed > 0.0, "{:?}", report.starts);
+    let from_free = PairOptions {
+        start: Some(free),
+        ..options
+    };
+    let (_, other) = pair(&domain, &target, &from_free);
+    let [found, other] = [&report, &other].map(|report| report.after.mean_symmetric_dirichlet);
+    assert!(
+        found < 1.01 * other,
+        "{found}, and {other} from the map without landmarks"
+    );
+}
+
 #[test]
 fn landmarks_that_invert_a_triangle_are_refused_by_index() {
     let (domain, target) = (lumpy(6), other_lumpy());

@@ -1,56 +1,130 @@
 //! The map by soft targets, sought again where the first search ends off an isometry: from the target to the domain, since either
-//! search gets stuck at other minima, and from the map itself where a part of it is out of order.
+//! search gets stuck at other minima, and from the map itself where a part of it is out of order. With a few landmarks it is sought
+//! without them, too, and made to meet them.
 
 use super::isometry::{SMALL_DEFECT, is_off};
 use super::soft_targets::SoftTargetMaps;
-use super::{NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport};
+use super::{Landmarks, NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport, PairStartKind};
+
+/// Most landmarks with which the map is sought without them, too: more say by themselves where the domain goes.
+const FEW_LANDMARKS: usize = 20;
 
 impl PairMapping<'_> {
-    /// As [`Self::by_soft_targets`]. Where that ends [off](is_off) an isometry, a map is sought the other way, too; where a part of the
-    /// better one is out of order, another from that map. The best is taken.
+    /// As [`Self::by_soft_targets`], by the best of all searches.
     pub(super) fn by_several_searches(&self) -> Result<PairMaps, PairError> {
-        let mut best = self.by_soft_targets(None)?.ok_or(PairError::NoEmbedding)?;
-        let is_free = self.is_free_search();
-        let first_took = best.maps.report.timings.total;
-        let may_go_on = || is_free && self.reporter.should_improve();
-        let mut searches = 1;
-        let is_seen_off = is_free && best.quality.isometry_defect.is_some_and(is_off);
-        if is_seen_off && may_go_on() {
-            searches += 1;
-            let found = self.by_soft_targets_from_target(&best)?;
-            best = best.or_better(found);
-        }
-        if best.is_out_of_order && may_go_on() {
-            searches += 1;
-            let found = self.by_refined_map(&best)?;
-            best = best.or_better(found);
-        }
+        let mut best = self.with_and_without_landmarks()?;
         let PairMaps { map, report, .. } = &mut best.maps;
-        if searches > 1 {
-            report.timings.total = self.elapsed();
-            report.timings.reversed = report.timings.total - first_took;
-            report.concluded = self.reporter.should_conclude();
-        }
         report.nearer_isometry = report.isometry_defect.zip(best.closest).and_then(|(defect, closest)| {
             NearerIsometry::than(defect, map.image().iter().copied(), &closest, self.target)
         });
+        Ok(best.maps)
+    }
+
+    /// The best of the searches with landmarks. With a few of them, or where they are missed, the map without them is made to meet
+    /// them, too, and the better one is taken: landmarks lead the search elsewhere, which may be worse.
+    fn with_and_without_landmarks(&self) -> Result<SoftTargetMaps, PairError> {
+        let first = self.by_best_search();
+        let landmarks = self.landmarks.pairs().len();
+        let are_pinned = landmarks > 0 && self.options.landmarks_weight.is_none();
+        let is_worthwhile = match &first {
+            Ok(_) => landmarks <= FEW_LANDMARKS,
+            Err(error) => matches!(error, PairError::LandmarksMissed { .. }),
+        };
+        if !(are_pinned && is_worthwhile && self.is_search() && self.reporter.should_improve()) {
+            return first;
+        }
+        let found = self.by_map_without_landmarks(first.as_ref().ok())?;
+        let mut best = match (first, found) {
+            (Ok(first), found) => first.or_better(found),
+            (Err(_), Some(found)) => found,
+            (Err(error), None) => return Err(error),
+        };
+        self.count_time(&mut best.maps.report);
+        Ok(best)
+    }
+
+    /// The map of a search. Where that ends [off](is_off) an isometry, a map is sought the other way, too; where a part of the better one
+    /// is out of order, another from that map. The best is taken.
+    fn by_best_search(&self) -> Result<SoftTargetMaps, PairError> {
+        let mut best = self.by_soft_targets(None)?.ok_or(PairError::NoEmbedding)?;
+        let is_free = self.is_search() && self.landmarks.pairs().is_empty();
+        let may_go_on = || is_free && self.reporter.should_improve();
+        let is_seen_off = is_free && best.quality.isometry_defect.is_some_and(is_off);
+        if is_seen_off && may_go_on() {
+            let found = self.by_soft_targets_from_target(&best)?;
+            best = best.or_better(found);
+            self.count_time(&mut best.maps.report);
+        }
+        if best.is_out_of_order && may_go_on() {
+            let found = self.by_refined_map(&best)?;
+            best = best.or_better(found);
+            self.count_time(&mut best.maps.report);
+        }
+        let report = &mut best.maps.report;
         if let Some(defect) = report.isometry_defect.filter(|defect| is_seen_off && is_off(*defect)) {
             report.warnings.push(format!(
                 "if the solids are poses of one body, a part of it may be out of its place, such as a head turned round: the map has an \
                  isometry defect of {defect:.3}, and right ones have less than {SMALL_DEFECT}. Look at it, and give landmarks there"
             ));
         }
-        Ok(best.maps)
+        Ok(best)
     }
 
-    /// Whether nothing that is given says where the domain goes.
-    fn is_free_search(&self) -> bool {
+    /// What has passed since the first search was for further ones.
+    fn count_time(&self, report: &mut PairReport) {
+        let timings = &mut report.timings;
+        let total = self.elapsed();
+        timings.reversed += total - timings.total;
+        timings.total = total;
+        report.concluded = self.reporter.should_conclude();
+    }
+
+    /// Whether nothing but landmarks says where the domain goes.
+    fn is_search(&self) -> bool {
         let options = self.options;
-        self.landmarks.pairs().is_empty()
-            && self.curves.is_empty()
-            && options.start.is_none()
-            && !options.aligned
-            && options.improve
+        self.curves.is_empty() && options.start.is_none() && !options.aligned && options.improve
+    }
+
+    /// The map that is found without landmarks, made to meet them; `None` where it cannot. `first` is the map that was found with
+    /// them, if there is one.
+    fn by_map_without_landmarks(&self, first: Option<&SoftTargetMaps>) -> Result<Option<SoftTargetMaps>, PairError> {
+        static NONE: Landmarks = Landmarks::none();
+        let options = PairOptions {
+            alternatives: 0,
+            ..self.options.clone()
+        };
+        let free = PairMapping {
+            landmarks: &NONE,
+            options: &options,
+            shapes: first.and_then(|first| first.shapes.as_ref()),
+            known: first.map(|first| &first.maps.map),
+            ..*self
+        };
+        let Some(found) = some_or_cancelled(free.by_best_search().map(Some))? else {
+            return Ok(None);
+        };
+        let SoftTargetMaps {
+            maps, shapes, closest, ..
+        } = found;
+        let options = PairOptions {
+            start: Some(maps.map),
+            ..options
+        };
+        let meeting = PairMapping {
+            options: &options,
+            shapes: shapes.as_ref(),
+            ..*self
+        };
+        let Some(mut met) = some_or_cancelled(meeting.by_soft_targets(None))? else {
+            return Ok(None);
+        };
+        let report = &mut met.maps.report;
+        report.coarse_embeddings = maps.report.coarse_embeddings;
+        for start in &mut report.starts {
+            start.kind = PairStartKind::WithoutLandmarks;
+        }
+        met.closest = closest;
+        Ok(Some(met))
     }
 
     /// The inverse of the map that is found from the target to the domain, improved as a map of the domain; `None` where its coarse
@@ -100,7 +174,8 @@ impl PairMapping<'_> {
     /// The map that is found from the start that a map becomes when it is refined by eigenfunctions; `None` where none is found.
     fn by_refined_map(&self, first: &SoftTargetMaps) -> Result<Option<SoftTargetMaps>, PairError> {
         let again = PairMapping {
-            refined: Some(&first.maps.map),
+            known: Some(&first.maps.map),
+            refines: true,
             shapes: first.shapes.as_ref(),
             ..*self
         };
@@ -119,10 +194,19 @@ impl SoftTargetMaps {
         own.coarse_embeddings += found_report.coarse_embeddings;
         let start = own.starts.len() + found_report.start;
         let has_starts = !found_report.starts.is_empty();
+        // Those about the pair, and other maps of it.
+        let keeps_warnings = found_report
+            .starts
+            .iter()
+            .any(|start| start.kind == PairStartKind::WithoutLandmarks);
         own.starts.extend(found_report.starts);
         if !is_better {
             return self;
         }
+        let warnings = match keeps_warnings {
+            true => std::mem::take(&mut own.warnings),
+            false => found_report.warnings,
+        };
         if has_starts {
             (own.start, own.schedule) = (start, found_report.schedule);
         }
@@ -131,7 +215,7 @@ impl SoftTargetMaps {
             after: found_report.after,
             stretch: found_report.stretch,
             isometry_defect: found_report.isometry_defect,
-            warnings: found_report.warnings,
+            warnings,
             ..own.clone()
         };
         Self {

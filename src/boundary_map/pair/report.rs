@@ -256,6 +256,8 @@ pub enum PairStartKind {
     Extremities,
     /// A map that was found first, of which a part was out of order, refined by eigenfunctions.
     Refined,
+    /// The map that was found without landmarks, which was then made to meet them.
+    WithoutLandmarks,
     /// The boundary map that was given.
     Given,
     /// No soft targets: another class of maps between solids of genus 1.
@@ -302,7 +304,8 @@ pub struct PairTimings {
     pub coarse: f64,
     /// Refinement and optimisation of the best embedding.
     pub improve: f64,
-    /// Further searches, where there were any: from the target to the domain, and from a map of which a part was out of order.
+    /// Further searches, where there were any: from the target to the domain, from a map of which a part was out of order, and without
+    /// landmarks.
     pub reversed: f64,
     /// All phases.
     pub total: f64,

@@ -137,6 +137,7 @@ fn start_words(kind: PairStartKind) -> &'static str {
         PairStartKind::Intrinsic => "intrinsic shape",
         PairStartKind::Extremities => "intrinsic shape and extremities",
         PairStartKind::Refined => "a first map, refined",
+        PairStartKind::WithoutLandmarks => "a map without landmarks",
         PairStartKind::Given => "the map given",
         PairStartKind::Class => "another class",
         _ => "another start",
