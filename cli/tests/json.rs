@@ -170,6 +170,9 @@ fn place() -> Workplace {
     let ball = shapes::sphere(1.0, 2);
     place.surface("ball.ply", &ball);
     place.surface("hollow.ply", &shapes::spherical_shell(1.0, 0.4, 2));
+    // A cube has other maps to itself, and so has a solid of which it is a part.
+    let aside = shapes::deformed(&shapes::cube(1.0, 6), |p| Point::new(p.x + 5.0, p.y, p.z));
+    place.surface("mixed.ply", &shapes::joined(&shapes::sphere(1.0, 2), &aside));
     let ring = shapes::torus(1.0, 0.4, 16, 8);
     place.surface("ring.ply", &ring);
     let rings = shapes::double_torus(1);
@@ -254,6 +257,10 @@ fn every_field_of_a_report_is_documented_and_written() {
         ),
         ("boundary pair", "boundary pair rings.ply rings2.ply -o h.ply"),
         ("boundary pair", "boundary pair hollow.ply hollow.ply -o hh.ply"),
+        (
+            "boundary pair",
+            "boundary pair mixed.ply mixed.ply -o mm.ply --alternatives 2 --max-stretched 1",
+        ),
         ("boundary check", "boundary check t.safetensors"),
         (
             "boundary improve",
