@@ -170,7 +170,7 @@ fn a_few_landmarks_are_met_from_the_map_without_them_too() {
         .starts
         .iter()
         .any(|start| start.kind == PairStartKind::WithoutLandmarks);
-    assert!(has_both && report.timings.reversed > 0.0, "{:?}", report.starts);
+    assert!(has_both, "{:?}", report.starts);
     let from_free = PairOptions {
         start: Some(free),
         ..options

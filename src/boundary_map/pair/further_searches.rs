@@ -4,10 +4,22 @@
 
 use super::isometry::{SMALL_DEFECT, is_off};
 use super::soft_targets::SoftTargetMaps;
-use super::{Landmarks, NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport, PairStartKind};
+use super::{
+    Landmarks, NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport, PairStartKind, PairTimings,
+};
 
 /// Most landmarks with which the map is sought without them, too: more say by themselves where the domain goes.
 const FEW_LANDMARKS: usize = 20;
+/// Landmarks agree with the map that was found without them where meeting them raises its rating by no more than this factor. True
+/// landmarks of poses and bends lower it by up to a third, since that map is improved further, or raise it by 1 % at most.
+const MOST_COSTS: f64 = 1.05;
+
+/// A map that was found without landmarks, and then made to meet them.
+struct WithoutLandmarks {
+    met: SoftTargetMaps,
+    /// Its rating over that before.
+    costs: f64,
+}
 
 impl PairMapping<'_> {
     /// As [`Self::by_soft_targets`], by the best of all searches.
@@ -20,23 +32,29 @@ impl PairMapping<'_> {
         Ok(best.maps)
     }
 
-    /// The best of the searches with landmarks. With a few of them, or where they are missed, the map without them is made to meet
-    /// them, too, and the better one is taken: landmarks lead the search elsewhere, which may be worse.
+    /// The map with landmarks. With a few of them the map without any is made to meet them first. Where it hardly costs it anything, this
+    /// is the map: a search that landmarks lead, too, may end elsewhere and worse. Else, or where the first search misses some, both are
+    /// made, and the better one is taken.
     fn with_and_without_landmarks(&self) -> Result<SoftTargetMaps, PairError> {
-        let first = self.by_best_search();
         let landmarks = self.landmarks.pairs().len();
-        let are_pinned = landmarks > 0 && self.options.landmarks_weight.is_none();
-        let is_worthwhile = match &first {
-            Ok(_) => landmarks <= FEW_LANDMARKS,
-            Err(error) => matches!(error, PairError::LandmarksMissed { .. }),
+        let may_do_without = landmarks > 0 && self.options.landmarks_weight.is_none() && self.is_search();
+        // What a search with other maps is asked for.
+        let is_first = may_do_without && landmarks <= FEW_LANDMARKS && self.options.alternatives == 0;
+        let mut without = match is_first {
+            true => self.by_map_without_landmarks()?,
+            false => None,
         };
-        if !(are_pinned && is_worthwhile && self.is_search() && self.reporter.should_improve()) {
-            return first;
+        if let Some(found) = without.take_if(|found| found.costs <= MOST_COSTS) {
+            return Ok(found.met);
         }
-        let found = self.by_map_without_landmarks(first.as_ref().ok())?;
-        let mut best = match (first, found) {
-            (Ok(first), found) => first.or_better(found),
-            (Err(_), Some(found)) => found,
+        let first = self.by_best_search();
+        let are_missed = matches!(first, Err(PairError::LandmarksMissed { .. }));
+        if may_do_without && are_missed && without.is_none() && self.reporter.should_improve() {
+            without = self.by_map_without_landmarks()?;
+        }
+        let mut best = match (first, without) {
+            (Ok(first), without) => first.or_better(without.map(|found| found.met)),
+            (Err(_), Some(found)) => found.met,
             (Err(error), None) => return Err(error),
         };
         self.count_time(&mut best.maps.report);
@@ -85,30 +103,27 @@ impl PairMapping<'_> {
         self.curves.is_empty() && options.start.is_none() && !options.aligned && options.improve
     }
 
-    /// The map that is found without landmarks, made to meet them; `None` where it cannot. `first` is the map that was found with
-    /// them, if there is one.
-    fn by_map_without_landmarks(&self, first: Option<&SoftTargetMaps>) -> Result<Option<SoftTargetMaps>, PairError> {
+    /// The map that is found without landmarks, made to meet them; `None` where it cannot.
+    fn by_map_without_landmarks(&self) -> Result<Option<WithoutLandmarks>, PairError> {
         static NONE: Landmarks = Landmarks::none();
-        let options = PairOptions {
-            alternatives: 0,
-            ..self.options.clone()
-        };
         let free = PairMapping {
             landmarks: &NONE,
-            options: &options,
-            shapes: first.and_then(|first| first.shapes.as_ref()),
-            known: first.map(|first| &first.maps.map),
             ..*self
         };
         let Some(found) = some_or_cancelled(free.by_best_search().map(Some))? else {
             return Ok(None);
         };
+        let free_rating = found.quality.rating();
         let SoftTargetMaps {
-            maps, shapes, closest, ..
+            maps,
+            shapes,
+            closest,
+            about_pair,
+            ..
         } = found;
         let options = PairOptions {
             start: Some(maps.map),
-            ..options
+            ..self.options.clone()
         };
         let meeting = PairMapping {
             options: &options,
@@ -123,8 +138,20 @@ impl PairMapping<'_> {
         for start in &mut report.starts {
             start.kind = PairStartKind::WithoutLandmarks;
         }
-        met.closest = closest;
-        Ok(Some(met))
+        report.warnings = about_pair.clone();
+        let (of_free, total) = (maps.report.timings, report.timings.total);
+        report.timings = PairTimings {
+            improve: of_free.improve + total - of_free.total,
+            total,
+            ..of_free
+        };
+        let costs = met.quality.rating() / free_rating;
+        let met = SoftTargetMaps {
+            closest,
+            about_pair,
+            ..met
+        };
+        Ok(Some(WithoutLandmarks { met, costs }))
     }
 
     /// The inverse of the map that is found from the target to the domain, improved as a map of the domain; `None` where its coarse

@@ -83,6 +83,8 @@ pub(super) struct SoftTargetMaps {
     pub shapes: Option<IntrinsicShapes>,
     /// The correspondence by intrinsic shape that is closest to an isometry, where nothing but landmarks says where the domain goes.
     pub closest: Option<Correspondence>,
+    /// Warnings about the pair, whatever the map.
+    pub about_pair: Vec<String>,
     /// Whether a part of the map is distorted beyond measure, such as a strip along a leg that covers most of the other one, and
     /// neither landmarks nor curves can be why.
     pub is_out_of_order: bool,
@@ -108,6 +110,7 @@ impl PairMapping<'_> {
             shapes,
             closest,
         } = self.starts(matches, &inverse, &pulled);
+        let about_pair = warnings.clone();
         let align = self.elapsed();
 
         let embedder = DomainEmbedder {
@@ -222,6 +225,7 @@ impl PairMapping<'_> {
             coarse_rating,
             shapes,
             closest,
+            about_pair,
             is_out_of_order,
         }))
     }
