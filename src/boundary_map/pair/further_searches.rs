@@ -52,10 +52,12 @@ impl PairMapping<'_> {
         if may_do_without && are_missed && without.is_none() && self.reporter.should_improve() {
             without = self.by_map_without_landmarks()?;
         }
-        let mut best = match (first, without) {
-            (Ok(first), without) => first.or_better(without.map(|found| found.met)),
-            (Err(_), Some(found)) => found.met,
-            (Err(error), None) => return Err(error),
+        let Some(without) = without else {
+            return first;
+        };
+        let mut best = match first {
+            Ok(first) => first.or_better(Some(without.met)),
+            Err(_) => without.met,
         };
         self.count_time(&mut best.maps.report);
         Ok(best)
