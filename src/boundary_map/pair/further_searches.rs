@@ -49,7 +49,7 @@ impl PairMapping<'_> {
         }
         let first = self.by_best_search();
         let are_missed = matches!(first, Err(PairError::LandmarksMissed { .. }));
-        if may_do_without && are_missed && without.is_none() && self.reporter.should_improve() {
+        if may_do_without && are_missed && !is_first && self.reporter.should_improve() {
             without = self.by_map_without_landmarks()?;
         }
         let Some(without) = without else {
