@@ -10,7 +10,7 @@ use super::{
 
 /// Most landmarks with which the map is sought without them, too: more say by themselves where the domain goes.
 const FEW_LANDMARKS: usize = 20;
-/// Landmarks agree with the map that was found without them where meeting them raises its rating by no more than this factor. True
+/// Landmarks agree with the map that was found without them where meeting them raises its rating by no more than this factor: true
 /// landmarks of poses and bends lower it by up to a third, since that map is improved further, or raise it by 1 % at most.
 const MOST_COSTS: f64 = 1.05;
 
@@ -38,7 +38,7 @@ impl PairMapping<'_> {
     fn with_and_without_landmarks(&self) -> Result<SoftTargetMaps, PairError> {
         let landmarks = self.landmarks.pairs().len();
         let may_do_without = landmarks > 0 && self.options.landmarks_weight.is_none() && self.is_search();
-        // What a search with other maps is asked for.
+        // Other maps that meet landmarks come from a search with them.
         let is_first = may_do_without && landmarks <= FEW_LANDMARKS && self.options.alternatives == 0;
         let mut without = match is_first {
             true => self.by_map_without_landmarks()?,
@@ -203,8 +203,7 @@ impl PairMapping<'_> {
     /// The map that is found from the start that a map becomes when it is refined by eigenfunctions; `None` where none is found.
     fn by_refined_map(&self, first: &SoftTargetMaps) -> Result<Option<SoftTargetMaps>, PairError> {
         let again = PairMapping {
-            known: Some(&first.maps.map),
-            refines: true,
+            refined: Some(&first.maps.map),
             shapes: first.shapes.as_ref(),
             ..*self
         };

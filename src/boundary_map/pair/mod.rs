@@ -202,8 +202,7 @@ impl<'a> Given<'a> {
                 curves: self.curves,
                 options: self.options,
                 shapes: None,
-                known: None,
-                refines: false,
+                refined: None,
                 begin: Instant::now(),
                 reporter,
             })
@@ -316,10 +315,8 @@ struct PairMapping<'a> {
     options: &'a PairOptions,
     /// The intrinsic shapes, where they are known.
     shapes: Option<&'a IntrinsicShapes>,
-    /// A map of the pair that is known: its embedding of the target is used.
-    known: Option<&'a BoundaryMap>,
-    /// Whether that map is the only start, once it is refined by eigenfunctions.
-    refines: bool,
+    /// A map through the target's sphere that is the only start, once it is refined by eigenfunctions.
+    refined: Option<&'a BoundaryMap>,
     begin: Instant,
     reporter: &'a ProgressSender<'a, PairPhase>,
 }

@@ -280,7 +280,7 @@ pub struct PairStart {
 /// Another map that the search found.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PairAlternative {
-    /// Of solids with several shells the outermost shell of the domain that is mapped otherwise, with those inside it.
+    /// For solids with several shells: the outermost shell of the domain whose map differs, together with those of the shells inside it.
     pub shell: Option<usize>,
     /// What its soft targets came from.
     pub kind: PairStartKind,

@@ -230,9 +230,9 @@ impl PairMapping<'_> {
         }))
     }
 
-    /// The target's spherical embedding: that of the boundary map that is started from, or of one that is known, if it is one of this target.
+    /// The target's spherical embedding: that of the boundary map that is started from, or is refined, if it is one of this target.
     fn target_embedding(&self) -> Result<SphericalEmbedding, PairError> {
-        let from = self.options.start.as_ref().or(self.known);
+        let from = self.options.start.as_ref().or(self.refined);
         let given = from.and_then(BoundaryMap::target_embedding);
         match given.filter(|given| given.surface() == self.target) {
             Some(given) => Ok(given.clone()),

@@ -129,7 +129,7 @@ impl PairMapping<'_> {
             .into_iter()
             .map(|(kind, closest)| Start::by_closest_points(kind, closest, target, vertices));
         let mut all: Vec<Start> = given.into_iter().chain(aligned).collect();
-        let found = match (&shapes, self.known.filter(|_| self.refines)) {
+        let found = match (&shapes, self.refined) {
             (Some(shapes), Some(map)) => {
                 all.extend(self.start_of_map(map, shapes, inverse));
                 vec![]
@@ -149,7 +149,7 @@ impl PairMapping<'_> {
     /// Alignments of the solids and their intrinsic shapes; no alignments where a map is given or refined. Reports nothing: it is made
     /// beside the target's embedding.
     pub(super) fn shape_matches(&self) -> Result<ShapeMatches, PairError> {
-        if self.options.start.is_some() || self.refines {
+        if self.options.start.is_some() || self.refined.is_some() {
             return Ok(ShapeMatches {
                 shapes: self.shapes.cloned(),
                 ..ShapeMatches::default()
