@@ -6,6 +6,8 @@
 //! takes for them; a dash where one for each vertex is not enough.
 
 mod plot;
+#[path = "../shared/mod.rs"]
+mod shared;
 
 use std::path::Path;
 
@@ -15,6 +17,7 @@ use solidmap::fit::{BoundaryError, COLLOCATION_PER_FREE_SOURCE, Fit, FitOptions,
 use solidmap::io::{SolidMesh, read_solid};
 
 use plot::{Row, svg};
+use shared::processor_seconds;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -112,14 +115,4 @@ fn timed(boundary: &BoundaryMap, options: &FitOptions) -> Result<(Fit, f64), Fai
     let used = processor_seconds();
     let fitted = fit(boundary, options, &|_| {})?;
     Ok((fitted, processor_seconds() - used))
-}
-
-/// Processor time of this process, from Linux's clock ticks.
-fn processor_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = text
-        .rsplit_once(')')
-        .map_or(vec![], |(_, rest)| rest.split_whitespace().collect());
-    let ticks = |k: usize| fields.get(k).and_then(|field| field.parse::<f64>().ok()).unwrap_or(0.0);
-    (ticks(11) + ticks(12)) / 100.0
 }

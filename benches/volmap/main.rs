@@ -4,6 +4,8 @@
 //! `cargo bench --bench volmap -- FOLDER [CASE ...] [--svg=FILE]`; by hand, since all cases take minutes.
 
 mod plot;
+#[path = "../shared/mod.rs"]
+mod shared;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -16,6 +18,7 @@ use solidmap::mesh::{CellList, TetMesh};
 use solidmap::remesh::{RemeshOptions, RemeshSource, remesh};
 
 use plot::{Row, svg};
+use shared::processor_seconds;
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -97,14 +100,4 @@ fn run(folder: &Path, case: &str) -> Result<(bool, Row), Failure> {
         row.seconds,
     );
     Ok((report.after.inverted == 0, row))
-}
-
-/// Processor time of this process, from Linux's clock ticks.
-fn processor_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = text
-        .rsplit_once(')')
-        .map_or(vec![], |(_, rest)| rest.split_whitespace().collect());
-    let ticks = |k: usize| fields.get(k).and_then(|field| field.parse::<f64>().ok()).unwrap_or(0.0);
-    (ticks(11) + ticks(12)) / 100.0
 }

@@ -68,9 +68,9 @@ pub enum ComponentMismatch {
     },
     /// They have different numbers of handles.
     Genus {
-        /// Of the domain's.
+        /// Handles of the domain's shell.
         domain: u64,
-        /// Of the target's.
+        /// Handles of the target's shell.
         target: u64,
     },
     /// They hold different shells: not as many, or with other handles, or with other shells in them.

@@ -8,7 +8,7 @@ use crate::boundary_map::BoundaryMap;
 
 /// The parts of a boundary map.
 pub(super) struct ShellStarts {
-    /// Of each shell of the domain.
+    /// The part that starts each shell of the domain.
     pub maps: Vec<BoundaryMap>,
     /// Centres of their images.
     pub centres: Vec<Point>,
