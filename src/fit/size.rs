@@ -2,7 +2,7 @@
 //!
 //! The constants are fitted to the peak resident set of whole runs of the program (x86-64, Linux), of which they are within
 //! 30 %: Schwarz fits of 5k to 1M vertices at several ratios of sources and collocation points to vertices, refined ones
-//! of up to six rounds, and dense ones of 100 to 4000 sources.
+//! of up to six rounds, and dense ones of 100 to 4000 sources; one to sixteen threads.
 
 use super::options::PointCounts;
 use super::{FitError, FitMethod, FitOptions, RefinementEnd, distant};
@@ -30,6 +30,8 @@ pub struct FitSize {
     pub method: FitMethod,
     /// Whether the sources are moved.
     pub free_sources: bool,
+    /// Threads that work at once, each with room of its own.
+    pub threads: usize,
 }
 
 impl FitSize {
@@ -49,6 +51,7 @@ impl FitSize {
             patch_entries: None,
             method: options.method,
             free_sources: options.free_sources,
+            threads: rayon::current_num_threads(),
         }
     }
 
@@ -56,7 +59,7 @@ impl FitSize {
     pub fn bytes(&self) -> u64 {
         let vertices = self.vertices as f64;
         let kept = PER_VERTEX * vertices + self.system_bytes();
-        (PROGRAM + kept.max(PER_VERTEX_CHECKED * vertices)) as u64
+        (PROGRAM + PER_THREAD * self.threads as f64 + kept.max(PER_VERTEX_CHECKED * vertices)) as u64
     }
 
     fn system_bytes(&self) -> f64 {
@@ -163,7 +166,9 @@ impl FitSize {
 const WITH_COARSER_LEVELS: f64 = 12.0 / 11.0;
 
 /// Bytes of the program itself and the tables of the fast sums.
-const PROGRAM: f64 = 30e6;
+const PROGRAM: f64 = 20e6;
+/// Bytes for each thread: what it works with, and what the allocator keeps for it.
+const PER_THREAD: f64 = 10e6;
 /// Bytes kept for each vertex and its two triangles: the domain, the image, and what sorts them in space.
 const PER_VERTEX: f64 = 500.0;
 /// Bytes taken for each vertex while the domain is checked; they are free again when the system is factored.
@@ -258,6 +263,7 @@ mod tests {
                 patch_entries: None,
                 method,
                 free_sources,
+                threads: 2,
             };
             let ratio = size.bytes() as f64 / (measured * 1e6);
             assert!((0.7..1.3).contains(&ratio), "{size:?}: {ratio:.2}");
@@ -275,6 +281,7 @@ mod tests {
             patch_entries: None,
             method: FitMethod::default(),
             free_sources: false,
+            threads: 2,
         };
         let options = FitOptions {
             memory: Some(2_000_000_000),

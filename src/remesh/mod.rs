@@ -629,7 +629,7 @@ pub fn memory_estimate(kind: CellKind, cells: usize, grid_points: usize, domain:
 }
 
 /// Bytes of the program itself, and of what its threads keep.
-const PROGRAM: f64 = 23e6;
+const PROGRAM: f64 = 27e6;
 /// Bytes for each vertex of the domain: both surfaces, and the map's sources.
 const PER_VERTEX: f64 = 1000.0;
 /// Bytes for each point of the grid, inside the domain or not: the index of its node, and whether its box is filled.

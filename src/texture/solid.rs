@@ -352,6 +352,7 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
         patch_entries: None,
         method: options.fit.method,
         free_sources: options.fit.free_sources,
+        threads: rayon::current_num_threads(),
     };
     let need = size.bytes() as f64;
     let allowed = options.fit.memory.map_or_else(allowed_memory, |bytes| bytes as f64);
