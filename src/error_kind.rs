@@ -8,7 +8,7 @@ use std::io;
 use crate::baseline::{BaselineError, MeanValueError};
 use crate::bijective::BijectiveError;
 use crate::boundary_map::check::BoundaryCheckError;
-use crate::boundary_map::pair::{AlignError, ComponentsError, CurveError, LandmarkError, PairError};
+use crate::boundary_map::pair::{AlignError, ComponentsError, CurveError, LandmarkError, LoopError, PairError};
 use crate::boundary_map::{BoundaryMapError, FundamentalDomainError};
 use crate::certificate::CertificateError;
 #[cfg(feature = "native")]
@@ -161,6 +161,7 @@ classified! {
     LandmarkError { _ => ErrorKind::InvalidInput }
     ComponentsError { _ => ErrorKind::InvalidInput }
     CurveError { _ => ErrorKind::InvalidInput }
+    LoopError { _ => ErrorKind::InvalidInput }
     KernelError { _ => ErrorKind::InvalidInput }
     MeanValueError { _ => ErrorKind::InvalidInput }
     GivenMeshError { _ => ErrorKind::InvalidInput }
@@ -257,6 +258,7 @@ classified! {
         Self::Align(_)
         | Self::Landmarks(_)
         | Self::Curves(_)
+        | Self::Loops(_)
         | Self::Components(_)
         | Self::Weight(_)
         | Self::Up

@@ -5,7 +5,8 @@ use nalgebra::Rotation3;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{
-    Landmarks, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair, map_pair_with_alternatives,
+    LandmarkCurve, Landmarks, LoopError, PairError, PairMethod, PairOptions, PairPhase, PairReport, PairStartKind,
+    map_pair, map_pair_with_alternatives,
 };
 use solidmap::files::{
     BoundaryFile, BoundaryMetadata, MapFile, MapMetadata, read_boundary, read_map, write_boundary, write_map,
@@ -13,7 +14,7 @@ use solidmap::files::{
 use solidmap::fit::{FitOptions, fit};
 use solidmap::hyperbolic::{HyperbolicEmbedding, HyperbolicError, Letter};
 use solidmap::io;
-use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::progress::ProgressControl;
 use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshSource, remesh};
 use solidmap::{Point, Vector};
@@ -123,6 +124,138 @@ fn solids_whose_handles_do_not_fit_are_refused_by_name() {
     let corner: Vec<[i32; 3]> = cells.filter(|&[x, y, _]| around(x, y)).collect();
     let error = refused(&plate(3, 2), &shapes::polycube(&corner, 2));
     assert!(matches!(error, PairError::NoClass { .. }), "{error:?}");
+}
+
+/// The vertices at the corners of the hole of this cube, on top of a plate.
+fn around_hole(plate: &SurfaceMesh, [x, y]: [f64; 2]) -> Vec<u32> {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let nearest = |corner: &[f64; 2]| {
+        let p = Point::new(x + corner[0], y + corner[1], 1.0);
+        let vertices = plate.vertices().iter().enumerate();
+        let found = vertices.min_by(|(_, a), (_, b)| (*a - p).norm().total_cmp(&(*b - p).norm()));
+        found.unwrap().0 as u32
+    };
+    corners.iter().map(nearest).collect()
+}
+
+/// How often a closed walk of vertices goes round a vertical line under a map.
+fn turns_about(map: &BoundaryMap, walk: &[u32], [x, y]: [f64; 2]) -> f64 {
+    let triangles = map.domain().triangles();
+    let mut points = vec![];
+    for (&a, &b) in walk.iter().zip(walk.iter().cycle().skip(1)) {
+        let place = |v: u32, t: &[u32; 3]| t.iter().position(|&w| w == v);
+        let mut found = triangles.iter().enumerate();
+        let (triangle, i, j) = found
+            .find_map(|(t, c)| Some((t as u32, place(a, c)?, place(b, c)?)))
+            .unwrap();
+        points.extend((0..40).map(|step| {
+            let mut barycentric = [0.0; 3];
+            barycentric[j] = f64::from(step) / 40.0;
+            barycentric[i] = 1.0 - barycentric[j];
+            SurfacePoint { triangle, barycentric }
+        }));
+    }
+    let polygon = map.evaluate(&points);
+    let angle = |(p, q): (&Point, &Point)| {
+        let ([a, b], [c, d]) = ([p.x - x, p.y - y], [q.x - x, q.y - y]);
+        (a * d - b * c).atan2(a * c + b * d)
+    };
+    let turned: f64 = polygon.iter().zip(polygon.iter().cycle().skip(1)).map(angle).sum();
+    turned / std::f64::consts::TAU
+}
+
+/// Maps the first plate to the second such that the loops around its holes go to those around the others, and checks that they do.
+fn assert_holes_go(domain: &SurfaceMesh, from: &[[f64; 2]], target: &SurfaceMesh, to: &[[f64; 2]]) -> PairReport {
+    let pairs = from.iter().zip(to).map(|(from, to)| LandmarkCurve {
+        domain: around_hole(domain, *from),
+        target: around_hole(target, *to),
+    });
+    let options = PairOptions {
+        loops: pairs.collect(),
+        ..PairOptions::default()
+    };
+    let (map, report) = map_pair(domain, target, &options, &|_| ()).unwrap();
+    assert_one_to_one(&map);
+    for (i, hole) in from.iter().enumerate() {
+        // Every vertex along the edges of the hole, on top.
+        let corners = around_hole(domain, *hole);
+        let [a, b] = [0, 1].map(|k| domain.vertices()[corners[k] as usize]);
+        let middle = Point::new(0.5 * (a.x + b.x), a.y, a.z);
+        let half = (middle - a).norm();
+        let walk: Vec<u32> = (0..8)
+            .map(|k| {
+                let step = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]][k];
+                let p = a + Vector::new(half * f64::from(step[0]), half * f64::from(step[1]), 0.0);
+                domain.vertices().iter().position(|q| (q - p).norm() < 1e-9).unwrap() as u32
+            })
+            .collect();
+        for (j, centre) in to.iter().enumerate() {
+            let turns = turns_about(&map, &walk, [centre[0] + 0.5, centre[1] + 0.5]);
+            let expected = if i == j { 1.0 } else { 0.0 };
+            assert!((turns - expected).abs() < 1e-6, "hole {i} about {j}: {turns}");
+        }
+    }
+    report
+}
+
+#[test]
+fn loops_tell_where_handles_go_that_lie_elsewhere() {
+    let row = plate(3, 2);
+    let in_row = [[1.0, 1.0], [3.0, 1.0], [5.0, 1.0]];
+    // In a row, and around a corner.
+    let is_filled = |[x, y, _]: &[i32; 3]| ![[1, 1], [3, 1], [1, 3]].contains(&[*x, *y]) && (*x < 3 || *y < 3);
+    let cells = (0..5).flat_map(|x| (0..5).map(move |y| [x, y, 0]));
+    let corner = shapes::polycube(&cells.filter(is_filled).collect::<Vec<_>>(), 2);
+    let report = assert_holes_go(&row, &in_row, &corner, &[[3.0, 1.0], [1.0, 1.0], [1.0, 3.0]]);
+    assert!(mean(&report) < 1.5, "{}", mean(&report));
+    assert_eq!(report.starts[0].kind, PairStartKind::Loops);
+    assert_holes_go(&row, &in_row, &corner, &[[1.0, 3.0], [1.0, 1.0], [3.0, 1.0]]);
+    // The hole at the end to that in the corner: with much distortion, but as it is told.
+    assert_holes_go(&row, &in_row, &corner, &[[1.0, 1.0], [3.0, 1.0], [1.0, 3.0]]);
+}
+
+#[test]
+fn loops_of_which_no_map_is_found_are_refused() {
+    let two = plate(2, 2);
+    let holes = [[1.0, 1.0], [3.0, 1.0]].map(|hole| around_hole(&two, hole));
+    let refused = |pairs: &[[&Vec<u32>; 2]]| {
+        let pairs = pairs.iter().map(|[domain, target]| LandmarkCurve {
+            domain: (*domain).clone(),
+            target: (*target).clone(),
+        });
+        let options = PairOptions {
+            loops: pairs.collect(),
+            ..PairOptions::default()
+        };
+        match map_pair(&two, &two, &options, &|_| ()).map(|_| ()) {
+            Err(PairError::Loops(error)) => error,
+            other => panic!("{other:?}"),
+        }
+    };
+    // Both to the same hole.
+    let error = refused(&[[&holes[0], &holes[0]], [&holes[1], &holes[0]]]);
+    assert!(matches!(error, LoopError::NotFound { .. }), "{error:?}");
+    // Around a hole, and around the bar beside it, which bounds.
+    let bar = [
+        Point::new(0.0, 0.0, 0.0),
+        Point::new(1.0, 1.0, 0.0),
+        Point::new(1.0, 1.0, 1.0),
+        Point::new(0.0, 0.0, 1.0),
+    ];
+    let at = |p: &Point| two.vertices().iter().position(|q| (q - p).norm() < 1e-9).unwrap() as u32;
+    let bar: Vec<u32> = bar.iter().map(at).collect();
+    assert_eq!(
+        refused(&[[&holes[0], &bar]]),
+        LoopError::Bounds {
+            index: 0,
+            side: "target"
+        }
+    );
+    let no_handle = LoopError::NoHandle {
+        index: 0,
+        side: "domain",
+    };
+    assert_eq!(refused(&[[&bar[..2].to_vec(), &holes[1]]]), no_handle);
 }
 
 #[test]

@@ -10,7 +10,8 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::examples::ring_to_knot;
 use solidmap::boundary_map::pair::{
-    Landmarks, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair, map_pair_with_alternatives,
+    LandmarkCurve, Landmarks, LoopError, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair,
+    map_pair_with_alternatives,
 };
 use solidmap::certificate::{CertificateOptions, certify};
 use solidmap::files::{
@@ -331,6 +332,78 @@ fn alternatives_are_bijections_of_other_classes() {
     let runner_up = made.report.torus.unwrap().runner_up.unwrap();
     assert_eq!(runner_up, made.report.alternatives[0].energy_ratio);
     assert!(runner_up >= 1.0, "{runner_up}");
+}
+
+/// Vertices of a ring of 24 times 12 that is wound `along` and `across` times, at every vertex of the longer way.
+fn wound(along: i32, across: i32) -> Vec<u32> {
+    let at = |i: i32, j: i32| (i.rem_euclid(24) * 12 + j.rem_euclid(12)) as u32;
+    (0..24).map(|k| at(k * along, k * across / 2)).collect()
+}
+
+#[test]
+fn loops_decide_the_direction_and_the_twist() {
+    let ring = shapes::torus(1.0, 0.4, 24, 12);
+    let loops = |pairs: &[[Vec<u32>; 2]]| -> Vec<LandmarkCurve> {
+        let one = |[domain, target]: &[Vec<u32>; 2]| LandmarkCurve {
+            domain: domain.clone(),
+            target: target.clone(),
+        };
+        pairs.iter().map(one).collect()
+    };
+    let mapped = |pairs: &[[Vec<u32>; 2]]| {
+        let options = PairOptions {
+            loops: loops(pairs),
+            ..PairOptions::default()
+        };
+        map_pair(&ring, &ring, &options, &|_| ())
+    };
+    let (straight, around) = (wound(1, 0), wound(0, 1));
+    for (pairs, [turned, twist]) in [
+        (vec![[straight.clone(), wound(1, 1)]], [1, 1]),
+        (
+            vec![[straight.clone(), wound(-1, 0)], [around.clone(), wound(0, -1)]],
+            [-1, 0],
+        ),
+        (vec![[straight.clone(), wound(-1, 5)]], [-1, 5]),
+        (vec![[around.clone(), wound(0, -1)]], [-1, 0]),
+    ] {
+        let (map, report) = mapped(&pairs).unwrap();
+        assert_one_to_one(&map);
+        let image = image_of_walk(&map, &straight);
+        let found = [turns(&image, about_z), turns(&image, about_tube)].map(|number| number.round() as i32);
+        assert_eq!(found, [turned, twist], "{pairs:?}");
+        let image = image_of_walk(&map, &around);
+        assert_eq!(turns(&image, about_tube).round() as i32, turned);
+        assert_eq!(report.torus.unwrap().is_turned, turned < 0);
+    }
+    let refused = |pairs: &[[Vec<u32>; 2]]| match mapped(pairs).map(|_| ()) {
+        Err(PairError::Loops(error)) => error,
+        other => panic!("{other:?}"),
+    };
+    let bounds = refused(&[[straight.clone(), straight.clone()], [straight.clone(), around.clone()]]);
+    assert_eq!(
+        bounds,
+        LoopError::Bounds {
+            index: 1,
+            side: "target"
+        }
+    );
+    let side = "domain";
+    let no_handle = LoopError::NoHandle { index: 0, side };
+    assert_eq!(refused(&[[vec![0, 1, 13, 12], straight.clone()]]), no_handle);
+    assert_eq!(refused(&[[vec![3, 40], straight.clone()]]), no_handle);
+    let contradiction = refused(&[[straight.clone(), wound(-1, 0)], [around.clone(), around.clone()]]);
+    assert_eq!(contradiction, LoopError::Contradiction);
+    let error = refused(&[[straight.clone(), vec![0, 12, 999]]]);
+    assert!(error.to_string().contains("vertex 999 of the target"), "{error}");
+    // On a ball there is nothing to go around.
+    let ball = shapes::sphere(1.0, 2);
+    let options = PairOptions {
+        loops: loops(&[[vec![0, 1, 2], vec![0, 1, 2]]]),
+        ..PairOptions::default()
+    };
+    let error = map_pair(&ball, &ball, &options, &|_| ()).map(|_| ());
+    assert_eq!(error, Err(PairError::Loops(no_handle)));
 }
 
 #[test]

@@ -619,6 +619,55 @@ fn a_file_says_which_components_and_cavities_go_to_which() {
 }
 
 #[test]
+fn a_file_says_which_loops_go_to_which() {
+    let place = Workplace::new();
+    let ring = shapes::torus(1.0, 0.4, 24, 12);
+    place.surface("ring.obj", &ring);
+    let along = |k: usize, across: usize| (12 * (k % 24) + k * across / 2 % 12).to_string();
+    let walk = |across: usize| (0..24).map(|k| along(k, across)).collect::<Vec<_>>().join(" ");
+    let (straight, wound) = (walk(0), walk(1));
+    let around = (0..12).map(|j| j.to_string()).collect::<Vec<_>>().join(" ");
+    std::fs::write(
+        place.path("loops.txt"),
+        format!("# along the ring\n{straight} > {wound}\n"),
+    )
+    .unwrap();
+    let line = "boundary pair ring.obj ring.obj -o image.ply --boundary way.safetensors --json --loops loops.txt";
+    let report = place.report(0, line);
+    assert_eq!(report["torus"]["is_turned"], false);
+    assert_eq!(report["torus"]["twist"].as_i64().unwrap().abs(), 1, "{report}");
+    let file = files::read_boundary(&place.path("way.safetensors")).unwrap();
+    assert!(file.metadata.inputs.iter().any(|input| input.role == "loops"));
+    for (content, fragment) in [
+        (format!("{straight} > {around}"), "loop 0 bounds"),
+        (
+            format!("{straight} > 0 1"),
+            "loop 0 goes around no handle of the target",
+        ),
+        (
+            format!("{straight} > 0 999 3"),
+            "vertex 999 of the target, which has 288",
+        ),
+        ("0 12 24".into(), "no single `>`"),
+    ] {
+        std::fs::write(place.path("wrong.txt"), content).unwrap();
+        for command in [
+            "boundary pair ring.obj ring.obj -o i.ply",
+            "fit ring.obj --target ring.obj -o i.map",
+        ] {
+            let output = place.ends_with(2, &format!("{command} --loops wrong.txt"));
+            let words = text(&output.stderr);
+            assert!(
+                words.contains(fragment) && words.contains("wrong.txt"),
+                "{fragment}: {words}"
+            );
+        }
+    }
+    let output = place.ends_with(2, "fit ring.obj --target torus -o i.map --loops loops.txt");
+    assert!(text(&output.stderr).contains("--target MODEL"));
+}
+
+#[test]
 fn a_plate_with_a_hole_is_mapped_to_a_ring_and_its_cells_are_carried_there() {
     let place = Workplace::new();
     let cubes: Vec<[i32; 3]> = (0..9).filter(|k| *k != 4).map(|k| [k % 3, k / 3, 0]).collect();

@@ -93,6 +93,10 @@ pub(super) mod ffi {
         most_stretched: f64,
         aligned: bool,
         improve: bool,
+        /// Vertices of all loops: of the first on the domain, of its partner on the target, and so on.
+        loop_vertices: Vec<u32>,
+        /// How many each has.
+        loop_lengths: Vec<u32>,
     }
 
     struct PairReport {

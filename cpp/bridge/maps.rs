@@ -8,7 +8,9 @@ use super::bridge::ffi::Watcher;
 use super::error::{Error, ErrorKind, guarded};
 use super::meshes::{Surface, boxed, name_of, whole, whole_points};
 use super::{flat, path};
-use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairPhase, fitting_torus, map_pair};
+use solidmap::boundary_map::pair::{
+    LandmarkCurve, Landmarks, PairError, PairMethod, PairOptions, PairPhase, fitting_torus, map_pair,
+};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::fit::{
@@ -129,6 +131,21 @@ pub fn boundary_pair(
             .map_err(|error| Error::invalid(error.to_string()))?;
         let components = whole::<u32, 2>("components", components)?;
         let up = [options.domain_up, options.target_up].map(Vector::from);
+        let mut left = &options.loop_vertices[..];
+        let mut next_loop = |length: u32| {
+            let (first, others) = left.split_at_checked(length as usize)?;
+            left = others;
+            Some(first.to_vec())
+        };
+        let loops = whole::<u32, 2>("lengths of loops", &options.loop_lengths)?
+            .iter()
+            .map(|[domain, target]| {
+                Some(LandmarkCurve {
+                    domain: next_loop(*domain)?,
+                    target: next_loop(*target)?,
+                })
+            });
+        let loops: Option<Vec<_>> = loops.collect();
         let options = PairOptions {
             method: if options.conformal {
                 PairMethod::Conformal
@@ -136,6 +153,7 @@ pub fn boundary_pair(
                 PairMethod::SoftTargets
             },
             landmarks,
+            loops: loops.ok_or_else(|| Error::invalid("loops have fewer vertices than they say"))?,
             landmarks_weight: (options.landmarks_weight != 0.0).then_some(options.landmarks_weight),
             components: components.iter().map(|pair| pair.map(|shell| shell as usize)).collect(),
             up: (up != [Vector::zeros(); 2]).then_some(up),

@@ -1,5 +1,7 @@
 #include "solidmap/boundary_map.hpp"
 
+#include <utility>
+
 #include "access.hpp"
 
 namespace solidmap {
@@ -32,8 +34,15 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
   ffi::PairReport found = {};
   BoundaryMap map = watched(progress, [&](const Watcher& watcher) {
     const Span<const std::array<std::uint32_t, 2>> landmarks(options.landmarks), components(options.components);
+    rust::Vec<std::uint32_t> loop_vertices, loop_lengths;
+    for (const auto& pair : options.loops)
+      for (const std::vector<std::uint32_t>& loop : pair) {
+        loop_lengths.push_back(static_cast<std::uint32_t>(loop.size()));
+        for (const std::uint32_t vertex : loop) loop_vertices.push_back(vertex);
+      }
     const ffi::PairOptions how = {options.conformal, options.landmarks_weight, options.domain_up, options.target_up,
-                                  options.most_stretched, options.aligned, options.improve};
+                                  options.most_stretched, options.aligned, options.improve,
+                                  std::move(loop_vertices), std::move(loop_lengths)};
     return make_boundary(
         ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), flat(components), how, watcher, found));
   });

@@ -41,6 +41,7 @@ def fit(
     landmarks: Any = None,
     landmarks_weight: Optional[float] = None,
     landmark_curves: Union[PathLike, Sequence[Tuple[Sequence[int], Sequence[int]]]] = (),
+    loops: Union[PathLike, Sequence[Tuple[Sequence[int], Sequence[int]]]] = (),
     components: Any = None,
     start: Optional[BoundaryMap] = None,
     domain_up: Optional[Up] = None,
@@ -95,7 +96,7 @@ def fit(
         Largest boundary error to reach anywhere, as a multiple of the spacing of the image's vertices around.
     bijective : bool
         Also make the one-to-one map (:meth:`Map.make_bijective`), over the tetrahedra of ``surface`` if it has any.
-    landmarks, landmarks_weight, landmark_curves, components, start, domain_up, target_up, max_stretched, via, aligned, no_improve
+    landmarks, landmarks_weight, landmark_curves, loops, components, start, domain_up, target_up, max_stretched, via, aligned, no_improve
         With ``target``: as for :func:`solidmap.boundary.pair`.
     paper : bool
         Start from the settings of Li et al. 2007.
@@ -150,6 +151,7 @@ def fit(
         landmarks,
         landmarks_weight,
         landmark_curves,
+        loops,
         components,
         domain_up,
         target_up,
@@ -170,6 +172,8 @@ def fit(
     if given != ["target"] or onto is not None:
         for name, value in (
             ("landmarks", landmarks),
+            ("landmark_curves", pair_options["landmark_curves"] or pair_options["landmark_curves_file"]),
+            ("loops", pair_options["loops"] or pair_options["loops_file"]),
             ("components", components),
             ("start", start),
             ("domain_up", domain_up),

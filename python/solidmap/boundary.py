@@ -336,10 +336,25 @@ def unfold(surface: SurfaceLike) -> FundamentalDomain:
     return FundamentalDomain(*native.boundary_unfold(inputs.surface("surface", surface).surface))
 
 
+def _curves(name: str, given: Any) -> List[Tuple[List[int], List[int]]]:
+    curves: List[Tuple[List[int], List[int]]] = []
+    for index, curve in enumerate(() if inputs.is_path(given) else given):
+        try:
+            first, second = curve
+        except (TypeError, ValueError):
+            raise InvalidInputError(
+                f"{name}[{index}] must be two paths, of vertices of the domain and of the target"
+            ) from None
+        at = f"{name}[{index}]"
+        curves.append(([options.count(at, v) for v in first], [options.count(at, v) for v in second]))
+    return curves
+
+
 def _pair_arguments(
     landmarks: Any,
     landmarks_weight: Optional[float],
     landmark_curves: Any,
+    loops: Any,
     components: Any,
     domain_up: Optional[str],
     target_up: Optional[str],
@@ -356,16 +371,6 @@ def _pair_arguments(
     up = None
     if domain_up is not None:
         up = [list(options.direction("domain_up", domain_up)), list(options.direction("target_up", target_up))]
-    curves: List[Tuple[List[int], List[int]]] = []
-    for index, curve in enumerate(() if inputs.is_path(landmark_curves) else landmark_curves):
-        try:
-            first, second = curve
-        except (TypeError, ValueError):
-            raise InvalidInputError(
-                f"landmark_curves[{index}] must be two paths, of vertices of the domain and of the target"
-            ) from None
-        name = f"landmark_curves[{index}]"
-        curves.append(([options.count(name, v) for v in first], [options.count(name, v) for v in second]))
     is_file, are_named = inputs.is_path(landmarks), inputs.is_path(components)
     share = options.number("max_stretched", max_stretched)
     if not 0.0 <= share <= 1.0:
@@ -377,8 +382,10 @@ def _pair_arguments(
         "landmarks": [] if is_file or landmarks is None else inputs.indices("landmarks", landmarks, (2,)).tolist(),
         "landmarks_file": inputs.path("landmarks", landmarks) if is_file else None,
         "landmarks_weight": weight,
-        "landmark_curves": curves,
+        "landmark_curves": _curves("landmark_curves", landmark_curves),
         "landmark_curves_file": os.fspath(landmark_curves) if inputs.is_path(landmark_curves) else None,
+        "loops": _curves("loops", loops),
+        "loops_file": os.fspath(loops) if inputs.is_path(loops) else None,
         "components": [] if are_named or components is None else inputs.indices("components", components, (2,)).tolist(),
         "components_file": inputs.path("components", components) if are_named else None,
         "up": up,
@@ -391,7 +398,7 @@ def _pair_arguments(
 
 
 def _files(arguments: Dict[str, Any]) -> Roles:
-    files = [(role, arguments[f"{role}_file"]) for role in ("landmarks", "landmark_curves", "components")]
+    files = [(role, arguments[f"{role}_file"]) for role in ("landmarks", "landmark_curves", "loops", "components")]
     return [(role, file) for role, file in files if file is not None]
 
 
@@ -402,6 +409,7 @@ def pair(
     landmarks: Any = None,
     landmarks_weight: Optional[float] = None,
     landmark_curves: Union[PathLike, Sequence[Tuple[Sequence[int], Sequence[int]]]] = (),
+    loops: Union[PathLike, Sequence[Tuple[Sequence[int], Sequence[int]]]] = (),
     components: Any = None,
     start: Optional[BoundaryMap] = None,
     domain_up: Optional[Up] = None,
@@ -428,6 +436,11 @@ def pair(
         mean distortion that is higher by so many percent.
     landmark_curves : sequence of pairs of paths, or the name of a file, optional
         Paths along edges of the domain that are to go to paths on the target, as lists of vertices.
+    loops : sequence of pairs of paths, or the name of a file, optional
+        For solids with handles: loops of the domain that are to go to loops of the target, but for deformation over the surface,
+        as lists of vertices, of which the last one is joined to the first. They decide which handle goes to which, in which
+        direction, and how often it is twisted. With several handles, give one around the hole of each, none of which meets itself
+        or another.
     components : array_like of integers, shape (k, 2), or the name of a file, optional
         Components and cavities of the domain that go to given ones of the target, by their indices in
         ``solidmap.check(...).components``. Those that are not named find their partners by what they lie in, their handles, place
@@ -469,6 +482,7 @@ def pair(
         landmarks,
         landmarks_weight,
         landmark_curves,
+        loops,
         components,
         domain_up,
         target_up,

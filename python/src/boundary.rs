@@ -396,6 +396,8 @@ pub struct PairArguments {
     landmarks_weight: Option<f64>,
     landmark_curves: Vec<(Vec<u32>, Vec<u32>)>,
     landmark_curves_file: Option<PathBuf>,
+    loops: Vec<(Vec<u32>, Vec<u32>)>,
+    loops_file: Option<PathBuf>,
     components: Vec<[usize; 2]>,
     components_file: Option<PathBuf>,
     up: Option<[[f64; 3]; 2]>,
@@ -406,7 +408,16 @@ pub struct PairArguments {
     alternatives: usize,
 }
 
-/// The map of a surface of genus 0 or 1 to another, its report, and whether it looks wrong; and other maps.
+/// Those of a file, where one is named, or else these.
+fn curves(given: Vec<(Vec<u32>, Vec<u32>)>, file: Option<PathBuf>) -> Result<Vec<LandmarkCurve>, Failure> {
+    let curve = |(domain, target)| LandmarkCurve { domain, target };
+    match file {
+        Some(file) => Ok(files::read_landmark_curves(file)?),
+        None => Ok(given.into_iter().map(curve).collect()),
+    }
+}
+
+/// The map of a surface to another, its report, and whether it looks wrong; and other maps.
 #[pyfunction]
 #[pyo3(signature = (domain, target, arguments, start, inputs, progress=None, time_limit=None))]
 #[allow(clippy::too_many_arguments, reason = "it is called from Python, by keywords")]
@@ -429,13 +440,8 @@ pub fn boundary_pair(
             None => Landmarks::new(arguments.landmarks, vertices[0], vertices[1])
                 .map_err(|error| Failure::invalid(format!("landmarks: {error}")))?,
         };
-        let curves = match &arguments.landmark_curves_file {
-            Some(file) => files::read_landmark_curves(file)?,
-            None => {
-                let given = arguments.landmark_curves.into_iter();
-                given.map(|(domain, target)| LandmarkCurve { domain, target }).collect()
-            }
-        };
+        let landmark_curves = curves(arguments.landmark_curves, arguments.landmark_curves_file)?;
+        let loops = curves(arguments.loops, arguments.loops_file)?;
         let components = match &arguments.components_file {
             Some(file) => files::read_components(file)?,
             None => arguments.components,
@@ -447,7 +453,8 @@ pub fn boundary_pair(
             },
             landmarks,
             landmarks_weight: arguments.landmarks_weight,
-            curves,
+            curves: landmark_curves,
+            loops,
             components,
             up: arguments.up.map(|up| up.map(Vector::from)),
             start,

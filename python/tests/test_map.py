@@ -156,6 +156,23 @@ def test_shells_are_mapped_one_by_one(ball, tmp_path):
         solidmap.boundary.pair(hollow, ball)
 
 
+def test_loops_decide_how_a_handle_is_twisted(tmp_path):
+    ring = solidmap.shapes.torus(1.0, 0.4, 24, 12)
+    straight = [12 * k for k in range(24)]
+    wound = [12 * k + k // 2 % 12 for k in range(24)]
+    pair = solidmap.boundary.pair(ring, ring, loops=[(straight, wound)])
+    assert abs(pair.report.torus["twist"]) == 1 and not pair.report.torus["is_turned"]
+    (tmp_path / "loops.txt").write_text(f"{' '.join(map(str, straight))} > {' '.join(map(str, wound))}\n")
+    by_file = solidmap.boundary.pair(ring, ring, loops=tmp_path / "loops.txt")
+    assert np.array_equal(by_file.images, pair.images)
+    with pytest.raises(solidmap.InvalidInputError, match="loop 0 bounds"):
+        solidmap.fit(ring, target=ring, loops=[(straight, range(12))])
+    with pytest.raises(solidmap.InvalidInputError, match="must be two paths"):
+        solidmap.boundary.pair(ring, ring, loops=[straight])
+    with pytest.raises(solidmap.InvalidInputError, match="needs target=MODEL"):
+        solidmap.fit(ring, target="torus", loops=[(straight, wound)])
+
+
 def test_components_go_where_they_are_told(ball, tmp_path):
     count = len(ball.points)
     balls = (np.vstack([ball.points, ball.points + [4, 0, 0]]), np.vstack([ball.faces, ball.faces + count]))

@@ -152,6 +152,13 @@ fn oriented(surface: &SurfaceMesh, topology: &Topology, mut found: HandleLoop) -
     found
 }
 
+/// How often a closed walk along edges crosses each dual loop, with signs: its homology, as a combination of the loops.
+pub(crate) fn crossings_with_duals(surface: &SurfaceMesh, loops: &[HandleLoop], walk: &[u32]) -> Vec<i32> {
+    let topology = Topology::new(surface);
+    let crossings = loops.iter().map(|one| value_on(surface, &topology, &one.cochain, walk));
+    crossings.collect()
+}
+
 /// The sum of a cochain along a closed walk over edges.
 pub(super) fn value_on(surface: &SurfaceMesh, topology: &Topology, cochain: &[[i32; 3]], walk: &[u32]) -> i32 {
     let next = walk.iter().cycle().skip(1);

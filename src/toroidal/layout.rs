@@ -7,7 +7,7 @@ use super::embedding::{ToroidalEmbedding, ToroidalError, require_genus_1};
 use super::handles::handle_loops;
 use super::knot::is_knotted;
 use super::linking::meridian_class;
-use super::rings::{LiftedRings, Shift, Translations};
+use super::rings::{LiftedRings, Shift, Translations, plus};
 use super::springs::springs;
 use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::{
@@ -162,6 +162,21 @@ impl TorusSurface {
 
     pub fn surface(&self) -> &SurfaceMesh {
         &self.surface
+    }
+
+    /// By how many periods each of some closed walks along edges goes round the torus.
+    pub fn turns<'a>(&self, walks: impl Iterator<Item = &'a [u32]>) -> Vec<Shift> {
+        let count = self.surface.vertices().len();
+        let rings = LiftedRings::new(Translations, count, self.surface.triangles(), &self.translations);
+        let along = |walk: &[u32]| {
+            let next = walk.iter().cycle().skip(1);
+            let steps = walk
+                .iter()
+                .zip(next)
+                .filter_map(|(v, w)| rings.of(*v).iter().find(|r| r.0 == *w));
+            steps.fold([0; 2], |sum, step| plus(sum, step.1))
+        };
+        walks.map(along).collect()
     }
 
     /// Adds the loop that bounds in the solid so often to that around the handle.

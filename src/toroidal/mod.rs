@@ -14,11 +14,11 @@ mod rings;
 mod springs;
 
 pub use embedding::{ToroidalEmbedding, ToroidalError, require_genus_1};
-pub(crate) use handles::{HandleLoop, handle_loops};
+pub(crate) use handles::{HandleLoop, crossings_with_duals, handle_loops};
 pub(crate) use layout::{LatticeMap, PartialLayout, Periods, TORUS_AREA, TorusSurface, place_in_kernel};
 pub(crate) use linking::outer_linking;
 pub(crate) use locate::ToroidalLocator;
-pub(crate) use rings::{DeckGroup, LiftedRings, Translations};
+pub(crate) use rings::{DeckGroup, LiftedRings, Shift, Translations};
 
 /// Embeddings for tests.
 #[cfg(test)]

@@ -143,6 +143,12 @@ pub struct PairArgs {
     /// target, counted from 0. Their ends may be landmarks, too
     #[arg(long, value_name = "FILE")]
     pub landmark_curves: Option<PathBuf>,
+    /// For solids with handles: loops that are to go to loops on the target, but for deformation over the surface, one in each line:
+    /// vertices of DOMAIN, `>`, vertices of the target, counted from 0; the last one is joined to the first. They decide which
+    /// handle goes to which, in which direction, and how often it is twisted. With several handles, give one around
+    /// the hole of each, none of which meets itself or another
+    #[arg(long, value_name = "FILE")]
+    pub loops: Option<PathBuf>,
     /// Which component or cavity of DOMAIN goes to which of the target: in each line two numbers, as `solidmap check` lists them.
     /// Those that are not named find their partners by what they lie in, their handles, place and size
     #[arg(long, value_name = "FILE")]
@@ -186,6 +192,7 @@ impl PairArgs {
             landmarks,
             landmarks_weight,
             landmark_curves,
+            loops,
             components,
             start,
             domain_up,
@@ -198,6 +205,7 @@ impl PairArgs {
         landmarks.is_empty()
             && landmarks_weight.is_none()
             && landmark_curves.is_none()
+            && loops.is_none()
             && components.is_none()
             && start.is_none()
             && domain_up.is_none()
@@ -215,9 +223,11 @@ impl PairArgs {
             .landmark_curves
             .iter()
             .map(|file| ("landmark_curves", file.as_path()));
+        let loops = self.loops.iter().map(|file| ("loops", file.as_path()));
         let components = self.components.iter().map(|file| ("components", file.as_path()));
         let start = self.start.iter().map(|file| ("start", file.as_path()));
-        landmarks.chain(curves).chain(components).chain(start).collect()
+        let decided = loops.chain(components).chain(start);
+        landmarks.chain(curves).chain(decided).collect()
     }
 }
 

@@ -74,6 +74,10 @@ pub fn to_model(
             Some(file) => files::read_landmark_curves(file)?,
             None => vec![],
         },
+        loops: match &args.loops {
+            Some(file) => files::read_landmark_curves(file)?,
+            None => vec![],
+        },
         components: match &args.components {
             Some(file) => files::read_components(file)?,
             None => vec![],
@@ -97,6 +101,7 @@ pub fn to_model(
     let made = made.map_err(|error| {
         let file = match error.downcast_ref() {
             Some(PairError::Curves(_)) => &args.landmark_curves,
+            Some(PairError::Loops(_)) => &args.loops,
             Some(PairError::Components(_)) => &args.components,
             _ => &None,
         };
@@ -159,7 +164,7 @@ fn paired(
         PairError::Sphere { side, error } => of_side(side, error.into(), "the sphere"),
         PairError::Torus { side, error } => of_side(side, error.into(), "a flat torus"),
         PairError::Hyperbolic { side, error } => of_side(side, error.into(), "a hyperbolic surface"),
-        error @ (PairError::Curves(_) | PairError::Components(_)) => error.into(),
+        error @ (PairError::Curves(_) | PairError::Loops(_) | PairError::Components(_)) => error.into(),
         error => {
             let [domain, target] = names;
             anyhow::Error::new(error).context(format!("cannot map {domain} to {target}"))

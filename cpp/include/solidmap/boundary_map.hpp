@@ -44,6 +44,11 @@ struct PairOptions {
   /// 0: landmarks are met exactly. Otherwise they are soft: one that is a tenth of the root of the target's area off costs as
   /// much as a mean distortion that is higher by this many percent.
   double landmarks_weight = 0;
+  /// For solids with handles: loops of the domain, as vertices of which the last one is joined to the first, and those of the target that
+  /// they are to go to, but for deformation over the surface. They decide which handle goes to which, in which direction, and how
+  /// often it is twisted. With several handles, give one around the hole of each, none of which meets itself or
+  /// another.
+  std::vector<std::array<std::vector<std::uint32_t>, 2>> loops;
   /// Components and cavities of the domain that go to given ones of the target, by their places in CheckReport::components. Those that
   /// are not named find their partners by what they lie in, their handles, place and size.
   std::vector<std::array<std::uint32_t, 2>> components;

@@ -421,6 +421,22 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
   CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");
   CHECK(thrown_by([&] { BoundaryMap::to_torus(cube); }) == "invalid_input");
   const Surface ring = shapes::torus(3.0, 1.0, 24, 12);
+  // Along the handle the other way, which turns the loop around it, too.
+  PairOptions back;
+  back.loops.emplace_back();
+  for (std::uint32_t k = 0; k < 24; ++k) {
+    back.loops[0][0].push_back(12 * k);
+    back.loops[0][1].push_back(12 * (23 - k));
+  }
+  const BoundaryMap turned = BoundaryMap::pair(ring, ring, back);
+  double area = 0;
+  for (std::uint32_t k = 0; k < 24; ++k) {
+    const Point &p = turned.images()[12 * k], &q = turned.images()[12 * ((k + 1) % 24)];
+    area += p[0] * q[1] - p[1] * q[0];
+  }
+  CHECK(area < 0);
+  back.loops[0][1] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
+  CHECK(thrown_by([&] { BoundaryMap::pair(ring, ring, back); }) == "invalid_input");
   const BoundaryMap round = BoundaryMap::to_torus(ring);
   CHECK(std::abs(round.target_volume() / ring.volume() - 1.0) < 0.1);
 }

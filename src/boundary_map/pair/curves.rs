@@ -83,13 +83,13 @@ pub(super) fn traced(
 }
 
 /// A path along edges, with the length from its start to each vertex.
-struct Path {
-    vertices: Vec<u32>,
+pub(super) struct Path {
+    pub vertices: Vec<u32>,
     lengths: Vec<f64>,
 }
 
 impl Path {
-    fn along(corners: &[u32], surface: &SurfaceMesh, side: &'static str, curve: usize) -> Result<Self, CurveError> {
+    pub fn along(corners: &[u32], surface: &SurfaceMesh, side: &'static str, curve: usize) -> Result<Self, CurveError> {
         let count = surface.vertices().len();
         if let Some(&vertex) = corners.iter().find(|&&v| v as usize >= count) {
             return Err(CurveError::OutOfRange {

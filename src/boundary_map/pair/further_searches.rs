@@ -325,6 +325,7 @@ mod tests {
         let given = Given {
             surfaces: [&star, &star],
             landmarks: &none,
+            loops: &[],
             curves: &[],
             options: &options,
         };

@@ -25,6 +25,7 @@ mod inter_surface;
 mod isometry;
 mod landmark_warp;
 mod landmarks;
+mod loops;
 mod options;
 mod oriented_query;
 mod report;
@@ -46,6 +47,7 @@ pub use alignment::{AlignError, Alignment, AlignmentStart, AlignmentSurface, Ali
 pub use curves::{CurveError, LandmarkCurve};
 pub use embedder::SoftTargetSchedule;
 pub use landmarks::{LandmarkError, Landmarks};
+pub use loops::LoopError;
 pub use options::{PairMethod, PairOptions};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
 pub use report::{
@@ -71,6 +73,7 @@ use crate::toroidal::{ToroidalEmbedding, ToroidalError, require_genus_1};
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pin, Pins};
 use inter_surface::{InverseEmbedding, Spring};
 use isometry::IntrinsicShapes;
+use loops::LoopPair;
 
 /// Vertices of landmark curves that coarse embeddings have.
 const MOST_LATE_OF_CURVES: usize = 40;
@@ -131,7 +134,7 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
     }
     shells::require_pairs(&options.components, [1, 1])?;
     match common_genus([domain, target], options)? {
-        0 => {}
+        0 => loops::require_none(&options.loops)?,
         1 => return map_tori(domain, target, options, progress),
         genus => return map_hyperbolic_surfaces(domain, target, genus, options, progress),
     }
@@ -158,6 +161,7 @@ pub fn map_pair_with_alternatives<A: ProgressResponse>(
         surfaces: [&domain, &target],
         landmarks: &landmarks,
         curves: &curves,
+        loops: &[],
         options,
     };
     given.mapped(progress, |pair| match options.method {
@@ -173,19 +177,27 @@ struct Given<'a> {
     surfaces: [&'a SurfaceMesh; 2],
     landmarks: &'a Landmarks,
     curves: &'a [curves::CurvePoint],
+    loops: &'a [LoopPair],
     options: &'a PairOptions,
 }
 
 impl<'a> Given<'a> {
-    /// For solids with handles, which take no landmarks or landmark curves.
-    fn with_handles(surfaces: [&'a SurfaceMesh; 2], options: &'a PairOptions) -> Self {
-        static NONE: Landmarks = Landmarks::none();
-        Self {
+    /// Maps solids with handles, which take loops, and no landmarks or landmark curves.
+    fn map_with_handles<A: ProgressResponse>(
+        surfaces: [&SurfaceMesh; 2],
+        options: &PairOptions,
+        progress: &dyn Fn(PairPhase) -> A,
+        work: impl FnOnce(PairMapping) -> Result<PairMaps, PairError> + Send,
+    ) -> Result<PairMaps, PairError> {
+        let (loops, points) = loops::traced(&options.loops, surfaces[0], surfaces[1])?;
+        let given = Given {
             surfaces,
-            landmarks: &NONE,
-            curves: &[],
+            landmarks: &Landmarks::none(),
+            curves: &points,
+            loops: &loops,
             options,
-        }
+        };
+        given.mapped(progress, work)
     }
 
     /// Does the work on other threads, so that `progress` can cancel it.
@@ -200,6 +212,7 @@ impl<'a> Given<'a> {
                 target: self.surfaces[1],
                 landmarks: self.landmarks,
                 curves: self.curves,
+                loops: self.loops,
                 options: self.options,
                 shapes: None,
                 refined: None,
@@ -272,7 +285,7 @@ fn map_tori<A: ProgressResponse>(
     };
     require_scale(&domain).map_err(of_scale("domain"))?;
     require_scale(&target).map_err(of_scale("target"))?;
-    Given::with_handles([&domain, &target], options).mapped(progress, |pair| pair.by_tori())
+    Given::map_with_handles([&domain, &target], options, progress, |pair| pair.by_tori())
 }
 
 fn map_hyperbolic_surfaces<A: ProgressResponse>(
@@ -291,7 +304,9 @@ fn map_hyperbolic_surfaces<A: ProgressResponse>(
     };
     let (domain, genus) = oriented("domain", domain)?;
     let (target, _) = oriented("target", target)?;
-    Given::with_handles([&domain, &target], options).mapped(progress, |pair| pair.by_hyperbolic_surface(genus))
+    Given::map_with_handles([&domain, &target], options, progress, |pair| {
+        pair.by_hyperbolic_surface(genus)
+    })
 }
 
 /// The map of a pair, and others.
@@ -310,8 +325,10 @@ struct PairMapping<'a> {
     domain: &'a SurfaceMesh,
     target: &'a SurfaceMesh,
     landmarks: &'a Landmarks,
-    /// Vertices along landmark curves, with their places on the target.
+    /// Vertices along landmark curves or loops, with their places on the target.
     curves: &'a [curves::CurvePoint],
+    /// Loops that decide how handles go to handles.
+    loops: &'a [LoopPair],
     options: &'a PairOptions,
     /// The intrinsic shapes, where they are known.
     shapes: Option<&'a IntrinsicShapes>,

@@ -4,7 +4,9 @@ use serde::Serialize;
 
 #[cfg(doc)]
 use super::map_pair;
-use super::{AlignError, ComponentsError, CurveError, LandmarkError, PairMethod, SoftTargetSchedule, Stretch};
+use super::{
+    AlignError, ComponentsError, CurveError, LandmarkError, LoopError, PairMethod, SoftTargetSchedule, Stretch,
+};
 use crate::boundary_map::{BoundaryMapError, SurfaceDistortion};
 use crate::check::ShellsError;
 use crate::hyperbolic::HyperbolicError;
@@ -250,6 +252,8 @@ pub enum PairStartKind {
     Landmarks,
     /// Closest points once the domain is deformed so that its landmarks come to those of the target.
     LandmarkWarp,
+    /// A map of the surfaces cut open along loops, for solids with several handles.
+    Loops,
     /// Intrinsic shape: distances along the surfaces and their eigenfunctions, whatever the pose.
     Intrinsic,
     /// The same, with strong pulls at the extremities.
@@ -428,6 +432,9 @@ pub enum PairError {
     /// Landmark curves are not paths on these solids.
     #[error(transparent)]
     Curves(#[from] CurveError),
+    /// Loops do not decide on a class of maps.
+    #[error(transparent)]
+    Loops(#[from] LoopError),
     /// A weight is not a positive number.
     #[error("the weight of landmarks is {0}; give a positive number, or none for landmarks that are met exactly")]
     Weight(f64),

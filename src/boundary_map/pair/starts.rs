@@ -37,10 +37,17 @@ pub(super) struct Start {
 }
 
 /// By which the closest points of the target are found for vertices of the aligned domain.
-struct ClosestPoints {
+pub(super) struct ClosestPoints {
     domain: Arc<AlignmentSurface>,
     target: Arc<AlignmentSurface>,
     alignment: Similarity,
+}
+
+impl ClosestPoints {
+    /// Of all vertices of the domain.
+    pub fn of_all(&self) -> Vec<Option<VertexTarget>> {
+        vertex_targets(&self.domain, &self.target, &self.alignment)
+    }
 }
 
 impl Start {
@@ -81,7 +88,7 @@ impl Start {
         match &self.closest {
             None => Cow::Borrowed(&self.soft_targets),
             Some(closest) => {
-                let found = vertex_targets(&closest.domain, &closest.target, &closest.alignment);
+                let found = closest.of_all();
                 let of_vertex = |found: Option<VertexTarget>| found.map(|found| soft_target(target, &found));
                 Cow::Owned(found.into_iter().map(of_vertex).collect())
             }
@@ -101,6 +108,13 @@ pub(super) struct ShapeMatches {
     warnings: Vec<String>,
     /// None where solids lie in the same place, or a surface has none; where a map is given, those that are known.
     shapes: Option<IntrinsicShapes>,
+}
+
+/// Alignments of a pair.
+pub(super) struct PairAlignments {
+    pub all: Vec<(PairStartKind, ClosestPoints)>,
+    /// About the pair.
+    warnings: Vec<String>,
 }
 
 /// All starts of a pair, and what was found beside.
@@ -155,6 +169,19 @@ impl PairMapping<'_> {
                 ..ShapeMatches::default()
             });
         }
+        let PairAlignments { all, warnings } = self.alignments()?;
+        Ok(ShapeMatches {
+            alignments: all,
+            warnings,
+            shapes: match self.options.aligned {
+                true => None,
+                false => self.intrinsic_shapes(),
+            },
+        })
+    }
+
+    /// Alignments by shape, by landmarks, and after a deformation by landmarks; curves and loops count as landmarks.
+    pub(super) fn alignments(&self) -> Result<PairAlignments, PairError> {
         let from = Arc::new(AlignmentSurface::new(self.domain, "domain")?);
         let to = Arc::new(AlignmentSurface::new(self.target, "target")?);
         let closest = |domain: &Arc<AlignmentSurface>, alignment: &Similarity| ClosestPoints {
@@ -165,9 +192,9 @@ impl PairMapping<'_> {
         let mut alignments = Vec::new();
         if self.options.aligned {
             alignments.push((PairStartKind::Aligned, closest(&from, &Similarity::identity())));
-            return Ok(ShapeMatches {
-                alignments,
-                ..ShapeMatches::default()
+            return Ok(PairAlignments {
+                all: alignments,
+                warnings: vec![],
             });
         }
         let mut pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
@@ -199,10 +226,9 @@ impl PairMapping<'_> {
         }
         let of_alignment = |found: &super::Alignment| (PairStartKind::Alignment, closest(&from, &found.similarity));
         alignments.extend(by_shape.best.iter().map(of_alignment));
-        Ok(ShapeMatches {
-            alignments,
+        Ok(PairAlignments {
+            all: alignments,
             warnings,
-            shapes: self.intrinsic_shapes(),
         })
     }
 

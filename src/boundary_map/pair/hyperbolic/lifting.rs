@@ -22,7 +22,9 @@ const MOST_STRETCH: f64 = 12.0;
 
 /// Paths over the triangles of a target.
 pub(super) struct TargetPaths<'a> {
-    embedding: &'a HyperbolicEmbedding,
+    surface: &'a SurfaceMesh,
+    relator: &'a Arc<Relator>,
+    /// For each side of a triangle the other triangle there, and what takes places in the frame of the one to that of the other.
     crossings: Vec<[(u32, Word); 3]>,
     middles: Vec<Point>,
     /// Mean length of an edge.
@@ -38,29 +40,28 @@ struct EdgePath {
 
 impl<'a> TargetPaths<'a> {
     pub fn new(embedding: &'a HyperbolicEmbedding) -> Self {
-        let surface = embedding.surface();
+        Self::over(embedding.surface(), &embedding.group().relator, embedding.crossings())
+    }
+
+    pub fn over(surface: &'a SurfaceMesh, relator: &'a Arc<Relator>, crossings: Vec<[(u32, Word); 3]>) -> Self {
         let count = surface.triangles().len();
         let middle = |t: usize| Point::from(surface.corners(t).iter().map(|p| p.coords).sum::<Vector>() / 3.0);
         Self {
-            crossings: embedding.crossings(),
+            surface,
+            relator,
+            crossings,
             middles: (0..count).map(middle).collect(),
             spacing: (surface.area() / count as f64).sqrt() * 1.5,
-            embedding,
         }
     }
 
-    /// The domain's rings on the universal cover of the target, and the places of the vertices, for points of the target that the vertices
-    /// go to, about. `None` where the paths contradict each other.
-    pub fn lifted(
-        &self,
-        domain: &SurfaceMesh,
-        targets: &[Option<SurfacePoint>],
-    ) -> Option<(LiftedRings<Arc<Relator>>, Vec<Vector>)> {
-        let group = self.embedding.group();
+    /// For each triangle of the domain, which may have borders, what takes places in the frames of its corners to that of the first one,
+    /// for points of the target that the vertices go to, about. `None` where the paths contradict each other.
+    pub fn corner_words(&self, domain: &SurfaceMesh, targets: &[Option<SurfacePoint>]) -> Option<Vec<[Word; 3]>> {
         let topology = Topology::new(domain);
         let edges = topology.edges();
         // Lengths of the domain as if its area was that of the target.
-        let scale = (self.embedding.surface().area() / domain.area()).sqrt();
+        let scale = (self.surface.area() / domain.area()).sqrt();
         let length = |[a, b]: [u32; 2]| {
             let [a, b] = [a, b].map(|v| domain.vertices()[v as usize]);
             scale * (b - a).norm() + self.spacing
@@ -99,15 +100,14 @@ impl<'a> TargetPaths<'a> {
                     let step = |k: usize| sides[k % 3].clone().unwrap_or_default();
                     match unknown[..] {
                         [] => {
-                            let whole = group
-                                .relator
-                                .product(&group.relator.product(&step(0), &step(1)), &step(2));
+                            let relator = self.relator;
+                            let whole = relator.product(&relator.product(&step(0), &step(1)), &step(2));
                             if !whole.is_identity() {
                                 return None;
                             }
                         }
                         [k] => {
-                            let word = group.relator.product(&step(k + 1), &step(k + 2)).inverted();
+                            let word = self.relator.product(&step(k + 1), &step(k + 2)).inverted();
                             let other = of_triangle[k];
                             known[other as usize] = Some(along(t, k, &word));
                             new.push(other);
@@ -123,12 +123,7 @@ impl<'a> TargetPaths<'a> {
             let to_third = along(t as u32, 2, known[last as usize].as_ref()?).inverted();
             Some([Word::default(), to_second, to_third])
         };
-        let corners: Option<Vec<[Word; 3]>> = (0..domain.triangles().len()).map(corners).collect();
-        let count = domain.vertices().len();
-        let rings = LiftedRings::new(group.relator.clone(), count, domain.triangles(), &corners?);
-        let place =
-            |target: &Option<SurfacePoint>| target.map_or(Vector::z(), |point| self.embedding.place_in_frame(&point));
-        Some((rings, targets.iter().map(place).collect()))
+        (0..domain.triangles().len()).map(corners).collect()
     }
 
     /// The path along each edge whose ends have targets, from its lower vertex.
@@ -162,7 +157,7 @@ impl<'a> TargetPaths<'a> {
 
     /// Shortest paths over middles of triangles (Dijkstra), up to a length.
     fn paths_from(&self, from: &SurfacePoint, ends: &[Option<SurfacePoint>], most: f64) -> Vec<Option<EdgePath>> {
-        let surface = self.embedding.surface();
+        let surface = self.surface;
         let position = |point: &SurfacePoint| point.position(surface, surface.vertices());
         let begin = position(from);
         let mut open: Vec<u32> = ends.iter().flatten().map(|end| end.triangle).collect();
@@ -201,7 +196,7 @@ impl<'a> TargetPaths<'a> {
             while let Some((_, Some((before, side)))) = found.get(&t) {
                 // From the frame of the triangle before to that of this one.
                 let crossing = &self.crossings[*before as usize][*side].1;
-                word = self.embedding.group().relator.product(&word, crossing);
+                word = self.relator.product(&word, crossing);
                 t = *before;
             }
             let length = match end.triangle == from.triangle {
@@ -215,6 +210,22 @@ impl<'a> TargetPaths<'a> {
         };
         ends.iter().map(|end| end.as_ref().and_then(path)).collect()
     }
+}
+
+/// A surface in a class of maps: its rings on the universal cover of the target, and the places of its vertices there.
+pub(super) type Lifted = (LiftedRings<Arc<Relator>>, Vec<Vector>);
+
+/// The domain with these words of its triangles' corners, and these points of the target, in whose frames its vertices are.
+pub(super) fn lifted(
+    domain: &SurfaceMesh,
+    target: &HyperbolicEmbedding,
+    corners: &[[Word; 3]],
+    targets: &[Option<SurfacePoint>],
+) -> Lifted {
+    let count = domain.vertices().len();
+    let rings = LiftedRings::new(target.group().relator.clone(), count, domain.triangles(), corners);
+    let place = |point: &Option<SurfacePoint>| point.map_or(Vector::z(), |point| target.place_in_frame(&point));
+    (rings, targets.iter().map(place).collect())
 }
 
 /// Lengths, which are never NaN here, in order.

@@ -2,31 +2,31 @@
 //!
 //! 1. The target is laid out on a hyperbolic surface.
 //! 2. The solids are aligned, and each alignment's closest points tell a class of maps ([`lifting`]): springs lay out a coarse domain in
-//!    that class. Those that cover the target once are optimised and compared.
+//!    that class. Loops that are given tell a class, too ([`cut_open`]). Those that cover the target once and take loops where they are to
+//!    go ([`homology`]) are optimised and compared.
 //! 3. The best layout of the domain is refined, and at every level optimised for low distortion of the map from surface to surface.
 //!
 //! No step inverts a triangle in the hyperbolic plane.
 
+mod cut_open;
+mod homology;
 mod lifting;
-mod meridians;
 
 use rayon::prelude::*;
 
-use super::alignment::align_upright;
-use super::targets::vertex_targets;
+use super::starts::ClosestPoints;
 use super::torus::search::{COARSE_SOFTNESS, FINE_SOFTNESS};
 use super::{
-    AlignmentSurface, HyperbolicReport, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase,
-    PairReport, PairStart, PairStartKind, PairTimings, Stretch, distortion, is_lower,
+    HyperbolicReport, LoopError, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport,
+    PairStart, PairStartKind, PairTimings, Stretch, distortion, is_lower,
 };
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::boundary_map::sweep::{HyperbolicTarget, Sweeper, mean_energy};
-use crate::geometry::Similarity;
 use crate::hyperbolic::{HyperbolicError, HyperbolicLayout, HyperbolicSurface};
 use crate::mesh::SurfaceMesh;
-use lifting::TargetPaths;
-use meridians::Meridians;
+use homology::Homology;
+use lifting::{Lifted, TargetPaths, lifted};
 
 /// Vertices of the domain, for each handle, when the best classes are compared again.
 const COMPARED_VERTICES: usize = 400;
@@ -142,7 +142,7 @@ impl PairMapping<'_> {
             target: HyperbolicTarget::new(embedding),
         };
         let laid = self.elapsed();
-        let alignments = self.alignments()?;
+        let alignments = self.alignments_of_solids()?;
         let aligned = self.elapsed();
 
         let Candidates {
@@ -152,8 +152,10 @@ impl PairMapping<'_> {
         } = self.candidates(&search, &alignments, genus)?;
         let compared = self.elapsed();
         if ranked.is_empty() {
-            return Err(PairError::NoClass {
-                tried: alignments.len(),
+            let tried = alignments.len();
+            return Err(match self.loops {
+                [] => PairError::NoClass { tried },
+                _ => LoopError::NotFound { tried }.into(),
             });
         }
         let count = ranked.len();
@@ -232,33 +234,27 @@ impl PairMapping<'_> {
         })
     }
 
-    /// Similarities from the domain to the target, and what they come from.
-    fn alignments(&self) -> Result<Vec<(Similarity, PairStartKind)>, PairError> {
-        if self.options.aligned {
-            return Ok(vec![(Similarity::identity(), PairStartKind::Aligned)]);
+    /// Alignments of the solids, also once the domain is deformed so that its loops come to their partners.
+    fn alignments_of_solids(&self) -> Result<Vec<(PairStartKind, ClosestPoints)>, PairError> {
+        if !self.options.aligned {
+            self.report(PairPhase::Aligning { done: 0, of: 0 })?;
         }
-        self.report(PairPhase::Aligning { done: 0, of: 0 })?;
-        let from = AlignmentSurface::new(self.domain, "domain")?;
-        let to = AlignmentSurface::new(self.target, "target")?;
-        let found = align_upright(&from, &to, self.options.up.as_ref());
-        let as_start = |alignment: &super::Alignment| (alignment.similarity, PairStartKind::Alignment);
-        Ok(found.best.iter().map(as_start).collect())
+        Ok(self.alignments()?.all)
     }
 
-    /// Layouts of the domain by the closest points of each alignment.
+    /// Layouts of the domain by loops, and by the closest points of each alignment.
     fn candidates(
         &self,
         search: &Search,
-        alignments: &[(Similarity, PairStartKind)],
+        alignments: &[(PairStartKind, ClosestPoints)],
         genus: usize,
     ) -> Result<Candidates, PairError> {
-        let from = AlignmentSurface::new(self.domain, "domain")?;
-        let to = AlignmentSurface::new(self.target, "target")?;
-        let paths = TargetPaths::new(&search.target.embedding);
-        let meridians = Meridians::new(self.domain, &search.target.embedding);
-        let warnings = match meridians {
-            Some(_) => vec![],
-            None => vec![
+        let embedding = &search.target.embedding;
+        let paths = TargetPaths::new(embedding);
+        let homology = Homology::new(self.domain, embedding, self.loops)?;
+        let warnings = match homology.knows_bounding() {
+            true => vec![],
+            false => vec![
                 "which loops bound a disk in the solids is not known, as of surfaces that pass through themselves: loops of one solid that \
                  do may go to loops of the other that do not"
                     .into(),
@@ -266,25 +262,41 @@ impl PairMapping<'_> {
         };
         let mut found: Vec<Candidate> = Vec::new();
         let mut unmapped = Vec::new();
-        for (done, (similarity, kind)) in alignments.iter().enumerate() {
+        let cutting = homology.cutting(self.loops);
+        let by_loops = match cutting.len() == genus {
+            true => self.lifted_by_loops(&cutting, embedding)?,
+            false => None,
+        };
+        let by_loops = by_loops.map(|lifted| (PairStartKind::Loops, Some(lifted)));
+        let of_alignment = |(kind, closest): &(PairStartKind, ClosestPoints)| {
+            let found = closest.of_all().into_iter().map(|target| target.map(|t| t.place));
+            let mut places: Vec<_> = found.collect();
+            for point in self.curves {
+                places[point.vertex as usize] = Some(point.place);
+            }
+            let corners = paths.corner_words(self.domain, &places);
+            let lifted: Option<Lifted> = corners.map(|corners| lifted(self.domain, embedding, &corners, &places));
+            (*kind, lifted)
+        };
+        let tried = alignments.len() + usize::from(by_loops.is_some());
+        let all = by_loops.into_iter().chain(alignments.iter().map(of_alignment));
+        for (done, (kind, lifted)) in all.enumerate() {
             self.report(PairPhase::CoarseEmbeddings {
                 vertices: COMPARED_VERTICES * genus,
                 done,
-                of: alignments.len(),
+                of: tried,
             })?;
             let laid = || {
-                let targets = vertex_targets(&from, &to, similarity);
-                let places: Vec<_> = targets.into_iter().map(|target| target.map(|t| t.place)).collect();
-                let (rings, starts) = paths.lifted(self.domain, &places)?;
-                if meridians.as_ref().is_some_and(|meridians| !meridians.are_kept(&rings)) {
+                let (rings, starts) = lifted?;
+                if !homology.is_kept(&rings) {
                     return None;
                 }
-                let group = search.target.embedding.group().clone();
+                let group = embedding.group().clone();
                 HyperbolicLayout::collapsed(group, rings, starts, search.domain.hierarchy()).ok()
             };
             let Some(mut layout) = laid() else {
                 unmapped.push(PairStart {
-                    kind: *kind,
+                    kind,
                     energy: f64::INFINITY,
                     vertices: 0,
                 });
@@ -298,11 +310,7 @@ impl PairMapping<'_> {
             };
             search.optimise(&mut layout, &first);
             let energy = search.energy(&layout);
-            found.push(Candidate {
-                layout,
-                kind: *kind,
-                energy,
-            });
+            found.push(Candidate { layout, kind, energy });
         }
         found.sort_by(|a, b| a.energy.total_cmp(&b.energy));
         let most = found.first().map_or(0.0, |best| AS_GOOD_COARSE * best.energy);

@@ -67,12 +67,14 @@ impl<'a> Matching<'a> {
             };
             join(solids, &mut joined, [from, to])?;
         }
-        for (index, curve) in options.curves.iter().enumerate() {
-            let paths = [(domain, &curve.domain), (target, &curve.target)];
-            let [Some(from), Some(to)] = paths.map(|(side, path)| side.shell_of_all(path)) else {
-                return Err(unmatched(format!("curve {index} is not in one shell of each solid")));
-            };
-            join(solids, &mut joined, [from, to])?;
+        for (name, curves) in [("curve", &options.curves), ("loop", &options.loops)] {
+            for (index, curve) in curves.iter().enumerate() {
+                let paths = [(domain, &curve.domain), (target, &curve.target)];
+                let [Some(from), Some(to)] = paths.map(|(side, path)| side.shell_of_all(path)) else {
+                    return Err(unmatched(format!("{name} {index} is not in one shell of each solid")));
+                };
+                join(solids, &mut joined, [from, to])?;
+            }
         }
         Ok(Self {
             solids,

@@ -266,17 +266,18 @@ impl ShellMapper<'_> {
         let pairs = self.options.landmarks.pairs().iter();
         let pairs: Vec<[u32; 2]> = pairs.filter_map(|&[v, w]| Some([own(from, v)?, own(to, w)?])).collect();
         let path = |shell: &Shell, path: &[u32]| path.iter().map(|&v| own(shell, v)).collect::<Option<Vec<u32>>>();
-        let curves = self.options.curves.iter().filter_map(|curve| {
+        let own_of = |curve: &LandmarkCurve| {
             Some(LandmarkCurve {
                 domain: path(from, &curve.domain)?,
                 target: path(to, &curve.target)?,
             })
-        });
+        };
         // Maps through a flat torus take no directions.
         let up = self.options.up.filter(|_| from.genus != 1);
         Ok(PairOptions {
             landmarks: Landmarks::new(pairs, from.vertices.len(), to.vertices.len())?,
-            curves: curves.collect(),
+            curves: self.options.curves.iter().filter_map(own_of).collect(),
+            loops: self.options.loops.iter().filter_map(own_of).collect(),
             components: vec![],
             start: None,
             up,

@@ -15,14 +15,15 @@ pub use fitting::{FittingTorus, fitting_torus};
 use rayon::prelude::*;
 
 use super::{
-    PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport, PairStartKind, PairTimings,
-    Stretch, TorusReport, distortion, is_lower,
+    LoopError, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport, PairStartKind,
+    PairTimings, Stretch, TorusReport, distortion, is_lower,
 };
 use crate::boundary_map::sweep::TargetTorus;
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
-use crate::toroidal::{PartialLayout, ToroidalEmbedding, ToroidalError, TorusSurface};
+use crate::toroidal::{PartialLayout, Shift, ToroidalEmbedding, ToroidalError, TorusSurface};
 use search::{
-    COARSE_SOFTNESS, Candidate, Effort, FINE_SOFTNESS, Rating, Stage, candidates, compared_energy, optimise, sort,
+    COARSE_SOFTNESS, Candidate, Classes, Effort, FINE_SOFTNESS, Rating, Stage, candidates, compared_energy, optimise,
+    sort,
 };
 
 /// Vertices of the domain when classes are compared, and when the best are compared again.
@@ -69,10 +70,10 @@ fn effort(vertices: usize) -> Effort {
 }
 
 /// A search for maps of one surface to another.
-#[derive(Clone, Copy)]
 struct Search<'a> {
     domain: &'a Laid,
     target: &'a TargetTorus,
+    classes: Classes,
 }
 
 /// A surface with its own embedding.
@@ -111,6 +112,7 @@ impl PairMapping<'_> {
         let there = Search {
             domain: &domain,
             target: &onto_target,
+            classes: self.classes([&domain.torus, &target.torus])?,
         };
         let mut search = &there;
         let mut ranked = self.searched(search)?;
@@ -120,6 +122,7 @@ impl PairMapping<'_> {
         let back = Search {
             domain: &target,
             target: &onto_domain,
+            classes: there.classes.inverted(),
         };
         if ranked.first().is_none_or(|best| best.energy() > HARD) {
             let others = self.searched(&back)?;
@@ -183,7 +186,7 @@ impl PairMapping<'_> {
                 })
                 .collect(),
             torus: Some(TorusReport {
-                compared: search::compared_at_first(),
+                compared: search.classes.compared_at_first(),
                 is_turned: best.layout.map.is_turned,
                 twist: if is_reversed {
                     -best.layout.map.twist
@@ -211,20 +214,54 @@ impl PairMapping<'_> {
         })
     }
 
+    /// The classes of maps that the loops allow.
+    fn classes(&self, tori: [&TorusSurface; 2]) -> Result<Classes, PairError> {
+        let domain = tori[0].turns(self.loops.iter().map(|pair| &pair.domain[..]));
+        let target = tori[1].turns(self.loops.iter().map(|pair| &pair.target[..]));
+        for (index, (from, to)) in domain.iter().zip(&target).enumerate() {
+            for (side, turns) in [("domain", from), ("target", to)] {
+                if *turns == [0; 2] {
+                    return Err(LoopError::NoHandle { index, side }.into());
+                }
+            }
+            // Loops that bound in the solid run along the first side of the square.
+            match [from, to].map(|turns| turns[1] == 0) {
+                [true, false] => return Err(LoopError::Bounds { index, side: "domain" }.into()),
+                [false, true] => return Err(LoopError::Bounds { index, side: "target" }.into()),
+                _ => {}
+            }
+        }
+        let classes = Classes::new(domain.into_iter().zip(target).map(<[Shift; 2]>::from).collect());
+        match classes.all().is_empty() {
+            true => Err(LoopError::Contradiction.into()),
+            false => Ok(classes),
+        }
+    }
+
     /// The candidates of a search, the best of them refined and compared again.
     fn searched(&self, search: &Search) -> Result<Vec<Candidate>, PairError> {
         self.report(PairPhase::CoarseEmbeddings {
             vertices: search.domain.coarse.inserted.len(),
             done: 0,
-            of: search::compared_at_first(),
+            of: search.classes.compared_at_first(),
         })?;
         let rating = if self.options.aligned {
             Rating::Distance
         } else {
             Rating::Energy
         };
-        let Search { domain, target } = *search;
-        let mut ranked = candidates(&domain.coarse, target, domain.torus.surface().vertices(), rating);
+        let Search {
+            domain,
+            target,
+            classes,
+        } = search;
+        let mut ranked = candidates(
+            &domain.coarse,
+            target,
+            domain.torus.surface().vertices(),
+            rating,
+            classes,
+        );
         let Some(most) = ranked.first().map(|best| AS_GOOD_COARSE * best.energy()) else {
             return Ok(ranked);
         };
@@ -284,7 +321,7 @@ impl PairMapping<'_> {
 
     /// A candidate with the rest of the vertices, and its distortion lowered.
     fn completed_on_torus(&self, search: &Search, coarse: &Candidate) -> Result<PartialLayout, PairError> {
-        let Search { domain, target } = *search;
+        let Search { domain, target, .. } = search;
         let points = domain.torus.surface().vertices();
         let mut layout = coarse.layout.clone();
         let refined = layout.refine(&domain.torus, usize::MAX, |layout| {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::energy::TorusEnergy;
 use crate::boundary_map::sweep::{Cut, Sweeper, TargetTorus};
 use crate::spherical::{Newton, NewtonOptions, Objective};
-use crate::toroidal::{LatticeMap, PartialLayout};
+use crate::toroidal::{LatticeMap, PartialLayout, Shift};
 use crate::{Point, Vector};
 
 /// Translations along each side of the square.
@@ -123,16 +123,52 @@ pub(super) fn compared_energy(layout: &PartialLayout, target: &TargetTorus, poin
     energy.mean(&layout.places, MOST_COMPARED)
 }
 
-/// The classes to be compared.
-pub(super) fn classes() -> Vec<LatticeMap> {
-    let twists = -MOST_TWIST..=MOST_TWIST;
-    let both = |twist| [false, true].map(|is_turned| LatticeMap { is_turned, twist });
-    twists.flat_map(both).collect()
+/// The classes that may be taken: those that take given loops to their partners.
+#[derive(Debug, Clone)]
+pub(super) struct Classes {
+    /// By how many periods a loop goes round the domain's torus, and its partner round the target's.
+    loops: Vec<[Shift; 2]>,
 }
 
-/// Number of maps whose energies are compared before any is optimised.
-pub(super) fn compared_at_first() -> usize {
-    classes().len() * TRANSLATIONS * TRANSLATIONS
+impl Classes {
+    pub fn new(loops: Vec<[Shift; 2]>) -> Self {
+        Self { loops }
+    }
+
+    /// Those of maps the other way.
+    pub fn inverted(&self) -> Self {
+        Self::new(self.loops.iter().map(|&[from, to]| [to, from]).collect())
+    }
+
+    fn allow(&self, map: LatticeMap) -> bool {
+        self.loops.iter().all(|&[from, to]| map.apply(from) == to)
+    }
+
+    /// Those to be compared.
+    pub fn all(&self) -> Vec<LatticeMap> {
+        // A loop along the handle leaves one twist for each sign.
+        let along = self.loops.iter().find(|[from, _]| from[1] != 0);
+        let twists = |sign: i32| match along {
+            Some(&[[i, j], [k, _]]) => {
+                let twist = (sign * k).checked_sub(i).filter(|by| by % j == 0);
+                twist.map(|by| by / j).into_iter().collect::<Vec<i32>>()
+            }
+            None => (-MOST_TWIST..=MOST_TWIST).collect(),
+        };
+        let of_sign = |is_turned: bool| {
+            let maps = twists(if is_turned { -1 } else { 1 }).into_iter();
+            maps.map(move |twist| LatticeMap { is_turned, twist })
+        };
+        let both = [false, true].into_iter().flat_map(of_sign);
+        let mut allowed: Vec<LatticeMap> = both.filter(|map| self.allow(*map)).collect();
+        allowed.sort_by_key(|map| map.twist);
+        allowed
+    }
+
+    /// Number of maps whose energies are compared before any is optimised.
+    pub fn compared_at_first(&self) -> usize {
+        self.all().len() * TRANSLATIONS * TRANSLATIONS
+    }
 }
 
 /// What classes and translations are rated by before any map is optimised.
@@ -149,8 +185,9 @@ pub(super) fn candidates(
     target: &TargetTorus,
     points: &[Point],
     rating: Rating,
+    classes: &Classes,
 ) -> Vec<Candidate> {
-    let starts = starts(coarse, target, points, rating);
+    let starts = starts(coarse, target, points, rating, classes);
     let optimised = |mut layout: PartialLayout, by: [f64; 2], effort: &Effort| {
         optimise(&mut layout, target, points, effort);
         let energy = compared_energy(&layout, target, points);
@@ -171,8 +208,9 @@ pub(super) fn candidates(
     let further = |c: Candidate| optimised(c.layout, c.by, &SECOND);
     let mut ranked: Vec<Candidate> = first.into_par_iter().map(further).collect();
     sort(&mut ranked);
+    let is_open = classes.all().len() > 1;
     // Twists of the best one, as long as they are better.
-    while let Some(best) = ranked.first().cloned() {
+    while is_open && let Some(best) = ranked.first().cloned() {
         let tried = |twist: i32| {
             let map = LatticeMap {
                 is_turned: false,
@@ -187,6 +225,7 @@ pub(super) fn candidates(
                 .any(|r| r.layout.map == c.layout.map && r.energy() <= c.energy())
         };
         let twisted: Vec<Candidate> = [-1, 1].into_par_iter().map(tried).collect();
+        let twisted: Vec<Candidate> = twisted.into_iter().filter(|c| classes.allow(c.layout.map)).collect();
         let is_better = twisted.iter().any(|c| c.energy() < best.energy());
         let new: Vec<Candidate> = twisted.into_iter().filter(|c| !is_known(c)).collect();
         ranked.extend(new);
@@ -208,6 +247,7 @@ fn starts(
     target: &TargetTorus,
     points: &[Point],
     rating: Rating,
+    classes: &Classes,
 ) -> Vec<(LatticeMap, [f64; 2])> {
     let of_class = |map: LatticeMap| {
         let layout = coarse.mapped(&target.periods, map, [0.0; 2]);
@@ -227,7 +267,7 @@ fn starts(
         };
         (0..TRANSLATIONS * TRANSLATIONS).map(of_step).collect::<Vec<_>>()
     };
-    let mut all: Vec<(f64, LatticeMap, [usize; 2])> = classes().into_par_iter().flat_map_iter(of_class).collect();
+    let mut all: Vec<(f64, LatticeMap, [usize; 2])> = classes.all().into_par_iter().flat_map_iter(of_class).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut kept: Vec<(LatticeMap, [usize; 2])> = Vec::new();
     for (_, map, steps) in all {
