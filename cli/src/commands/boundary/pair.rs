@@ -134,7 +134,7 @@ fn start_words(kind: PairStartKind) -> &'static str {
         PairStartKind::Alignment => "alignment",
         PairStartKind::Landmarks => "alignment by landmarks",
         PairStartKind::LandmarkWarp => "deformation by landmarks",
-        PairStartKind::Loops => "cut open along loops",
+        PairStartKind::Loops => "cutting along loops",
         PairStartKind::Intrinsic => "intrinsic shape",
         PairStartKind::Extremities => "intrinsic shape and extremities",
         PairStartKind::Refined => "a first map, refined",
