@@ -437,7 +437,7 @@ def pair(
     landmark_curves : sequence of pairs of paths, or the name of a file, optional
         Paths along edges of the domain that are to go to paths on the target, as lists of vertices.
     loops : sequence of pairs of paths, or the name of a file, optional
-        For solids with handles: loops of the domain that are to go to loops of the target, but for deformation over the surface,
+        For solids with handles: loops of the domain that are to go to loops of the target, up to a deformation along the surface,
         as lists of vertices, of which the last one is joined to the first. They decide which handle goes to which, in which
         direction, and how often it is twisted. With several handles, give one around the hole of each, none of which meets itself
         or another.

@@ -143,7 +143,7 @@ pub struct PairArgs {
     /// target, counted from 0. Their ends may be landmarks, too
     #[arg(long, value_name = "FILE")]
     pub landmark_curves: Option<PathBuf>,
-    /// For solids with handles: loops that are to go to loops on the target, but for deformation over the surface, one in each line:
+    /// For solids with handles: loops that are to go to loops on the target, up to a deformation along the surface, one in each line:
     /// vertices of DOMAIN, `>`, vertices of the target, counted from 0; the last one is joined to the first. They decide which
     /// handle goes to which, in which direction, and how often it is twisted. With several handles, give one around
     /// the hole of each, none of which meets itself or another

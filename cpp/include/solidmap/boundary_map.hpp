@@ -45,7 +45,7 @@ struct PairOptions {
   /// much as a mean distortion that is higher by this many percent.
   double landmarks_weight = 0;
   /// For solids with handles: loops of the domain, as vertices of which the last one is joined to the first, and those of the target that
-  /// they are to go to, but for deformation over the surface. They decide which handle goes to which, in which direction, and how
+  /// they are to go to, up to a deformation along the surface. They decide which handle goes to which, in which direction, and how
   /// often it is twisted. With several handles, give one around the hole of each, none of which meets itself or
   /// another.
   std::vector<std::array<std::vector<std::uint32_t>, 2>> loops;

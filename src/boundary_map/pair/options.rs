@@ -41,9 +41,9 @@ pub struct PairOptions {
     pub curves: Vec<LandmarkCurve>,
     /// As `landmarks_weight`, for all vertices of the curves together.
     pub curves_weight: f64,
-    /// For solids with handles: closed paths, whose last vertex is joined to the first, that are to go to closed paths of the target, but for
-    /// deformation over the surface. They decide which handle goes to which, in which direction, and how often it is twisted. With several handles, one around
-    /// the hole of each, none of which meets itself or another; more are checked.
+    /// For solids with handles: closed paths, whose last vertex is joined to the first, that are to go to closed paths of the target, up to a
+    /// deformation along the surface. They decide which handle goes to which, in which direction, and how often it is twisted. With several
+    /// handles, one around the hole of each is needed, none of which meets itself or another; what further ones say is checked.
     pub loops: Vec<LandmarkCurve>,
     /// Shells of the domain, which are components and cavities, that go to given shells of the target. They count from 0 in the order of
     /// their first triangles, as the components of [`CheckReport`](crate::check::CheckReport::components) do. Shells around them then

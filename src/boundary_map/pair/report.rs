@@ -355,7 +355,7 @@ pub enum PairError {
     /// No alignment of solids of genus 2 or more leads to a map.
     #[error(
         "no map of the handles was found: of {tried} alignments by shape none takes every handle of the domain to one of the target; \
-         give solids that are more alike, or a boundary map that was made elsewhere"
+         give loops around their holes that correspond, solids that are more alike, or a boundary map that was made elsewhere"
     )]
     NoClass {
         /// Alignments that were tried.

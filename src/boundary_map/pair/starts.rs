@@ -44,7 +44,7 @@ pub(super) struct ClosestPoints {
 }
 
 impl ClosestPoints {
-    /// Of all vertices of the domain.
+    /// The closest points of the target for all vertices of the domain.
     pub fn of_all(&self) -> Vec<Option<VertexTarget>> {
         vertex_targets(&self.domain, &self.target, &self.alignment)
     }
