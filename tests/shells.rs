@@ -3,8 +3,8 @@
 use nalgebra::Rotation3;
 use solidmap::boundary_map::check::{BijectivityVerdict, BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{
-    ComponentMismatch, ComponentsError, Landmarks, PairError, PairMethod, PairOptions, PairReport, map_pair,
-    map_pair_with_alternatives,
+    ComponentMismatch, ComponentsError, LandmarkCurve, Landmarks, LoopError, PairError, PairMethod, PairOptions,
+    PairReport, map_pair, map_pair_with_alternatives,
 };
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError, ShellMap};
 use solidmap::check::ShellsError;
@@ -189,6 +189,128 @@ fn landmarks_say_which_shell_goes_where() {
     assert!((map.image()[0] - solid.vertices()[count as usize + 3]).norm() < 1e-9);
     let torn = map_pair(&solid, &solid, &with(vec![[0, 1], [1, count]]), &|_| ());
     assert!(matches!(torn, Err(PairError::NoMatchingShells { .. })));
+}
+
+/// A ball and two rings. Each loop is of one ring, and errors name it as it is numbered in the file.
+#[test]
+fn loops_decide_on_each_ring_and_errors_name_them_by_their_numbers() {
+    let ring = shapes::torus(1.0, 0.4, 24, 12);
+    let beside = |x: f64| deformed(&ring, |p| Point::new(p.x + x, p.y, p.z));
+    let small = ball([0.0, 4.0, 0.0], [0.5; 3]);
+    let solid = joined_all(&[small.clone(), beside(0.0), beside(4.0)]);
+    let first = |ring: usize| small.vertices().len() + ring * 24 * 12;
+    // Once along the ring, and `across` times around the tube.
+    let along = |ring: usize, across: usize| -> Vec<u32> {
+        let vertex = |k: usize| first(ring) + k * 12 + (k * across / 2) % 12;
+        (0..24).map(|k| vertex(k) as u32).collect()
+    };
+    let tried = |pairs: &[[Vec<u32>; 2]]| {
+        let loops = pairs.iter().map(|[domain, target]| LandmarkCurve {
+            domain: domain.clone(),
+            target: target.clone(),
+        });
+        let options = PairOptions {
+            loops: loops.collect(),
+            aligned: true,
+            ..PairOptions::default()
+        };
+        map_pair(&solid, &solid, &options, &|_| ())
+    };
+    let (map, report) = tried(&[[along(1, 0), along(1, 1)], [along(0, 0), along(0, 0)]]).unwrap();
+    let targets: Vec<usize> = report.shells.iter().map(|shell| shell.target).collect();
+    assert_eq!(targets, [0, 1, 2]);
+    // How often the image of a walk along a ring turns about the circle in the middle of its tube.
+    let turns = |ring: usize, centre: f64| {
+        let angle = |&v: &u32| {
+            let p = map.image()[v as usize];
+            p.z.atan2((p.x - centre).hypot(p.y) - 1.0)
+        };
+        let angles: Vec<f64> = along(ring, 0).iter().map(angle).collect();
+        let steps = (0..24).map(|k| (angles[(k + 1) % 24] - angles[k]).sin().asin());
+        (steps.sum::<f64>() / std::f64::consts::TAU).round()
+    };
+    assert_eq!([turns(0, 0.0), turns(1, 4.0)].map(f64::abs), [0.0, 1.0]);
+    let refused = |pairs: &[[Vec<u32>; 2]]| match tried(pairs).map(|_| ()) {
+        Err(PairError::Shell { shell, error }) => match *error {
+            PairError::Loops(error) => (shell, error),
+            other => panic!("{other:?}"),
+        },
+        other => panic!("{other:?}"),
+    };
+    let around = |ring: usize| -> Vec<u32> { (0..12).map(|k| (first(ring) + k) as u32).collect() };
+    let at_point = |ring: usize| -> Vec<u32> { [0, 1, 13].map(|k| (first(ring) + k) as u32).to_vec() };
+    let straight = |ring: usize| [along(ring, 0), along(ring, 0)];
+    let (shell, error) = refused(&[straight(0), straight(1), [along(1, 0), around(1)]]);
+    assert_eq!(
+        (shell, error),
+        (
+            2,
+            LoopError::Bounds {
+                index: 2,
+                side: "target"
+            }
+        )
+    );
+    let (shell, error) = refused(&[straight(0), [at_point(1), along(1, 0)]]);
+    assert_eq!(
+        (shell, error),
+        (
+            2,
+            LoopError::NoHandle {
+                index: 1,
+                side: "domain"
+            }
+        )
+    );
+    let (shell, error) = refused(&[straight(0), [vec![0, 1, 2], vec![0, 1, 2]]]);
+    assert_eq!((shell, error), (0, LoopError::NoHandles));
+}
+
+/// What is around the cavity has a handle, on which a landmark would be refused.
+#[test]
+fn a_landmark_may_be_on_a_cavity_of_a_ring() {
+    let ring = shapes::torus(1.0, 0.4, 24, 12);
+    let cavity = ball([1.0, 0.0, 0.0], [0.15; 3]).reversed();
+    let solid = joined(&ring, &cavity);
+    let (count, on_cavity) = (solid.vertices().len(), ring.vertices().len() as u32 + 7);
+    let with = |pair: [u32; 2]| PairOptions {
+        landmarks: Landmarks::new(vec![pair], count, count).unwrap(),
+        ..PairOptions::default()
+    };
+    let (map, report) = map_pair(&solid, &solid, &with([on_cavity; 2]), &|_| ()).unwrap();
+    assert_eq!(report.landmarks, 1);
+    assert!((map.image()[on_cavity as usize] - solid.vertices()[on_cavity as usize]).norm() < 1e-9);
+    let refused = map_pair(&solid, &solid, &with([3, 3]), &|_| ())
+        .map(|_| ())
+        .unwrap_err();
+    let words = "shell 0 of the domain, counted from 0: landmarks cannot be used with solids of genus 1";
+    assert!(refused.to_string().starts_with(words), "{refused}");
+}
+
+/// All vertices of an icosahedron stay, but two that change places.
+#[test]
+fn landmarks_that_are_missed_are_named_by_their_numbers() {
+    let icosahedron = deformed(&shapes::sphere(0.5, 0), |p| Point::new(p.x + 3.0, p.y, p.z));
+    let large = ball([0.0; 3], [1.0; 3]);
+    let solid = joined(&large, &icosahedron);
+    let first = large.vertices().len() as u32;
+    let own: Vec<u32> = (0..12).map(|k| first + k).collect();
+    let mut pairs: Vec<[u32; 2]> = own.iter().map(|&v| [v, v]).collect();
+    (pairs[3][1], pairs[8][1]) = (own[8], own[3]);
+    pairs.insert(0, [5, 5]);
+    let options = PairOptions {
+        landmarks: Landmarks::new(pairs.clone(), solid.vertices().len(), solid.vertices().len()).unwrap(),
+        ..PairOptions::default()
+    };
+    let error = map_pair(&solid, &solid, &options, &|_| ()).map(|_| ()).unwrap_err();
+    let PairError::Shell { shell: 1, error } = error else {
+        panic!("{error:?}");
+    };
+    let PairError::LandmarksMissed { missed, first, .. } = *error else {
+        panic!("{error:?}");
+    };
+    assert!(missed.iter().all(|&k| (1..13).contains(&k)), "{missed:?}");
+    assert_eq!(first, pairs[missed[0]]);
 }
 
 /// Maps with the shells of the domain going where they are to go; checks the map, and returns the targets of all shells.

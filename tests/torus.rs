@@ -403,7 +403,7 @@ fn loops_decide_the_direction_and_the_twist() {
         ..PairOptions::default()
     };
     let error = map_pair(&ball, &ball, &options, &|_| ()).map(|_| ());
-    assert_eq!(error, Err(PairError::Loops(no_handle)));
+    assert_eq!(error, Err(PairError::Loops(LoopError::NoHandles)));
 }
 
 #[test]

@@ -56,7 +56,7 @@ const NOISE: f64 = 64.0 * f64::EPSILON;
 /// Boxes are enlarged by this for rounding errors of directions.
 const MARGIN: f64 = 64.0 * f64::EPSILON;
 /// Triangles to walk through from a hint; a search from scratch is faster than a longer walk.
-const MAX_WALK: usize = 48;
+pub(crate) const MAX_WALK: usize = 48;
 /// Directions that are located one after the other.
 const CHUNK: usize = 256;
 
@@ -128,7 +128,7 @@ impl Locator {
         let Some(x) = unit_of(direction) else {
             return NOWHERE;
         };
-        self.walk(&x, hint).unwrap_or_else(|| self.search(&x))
+        self.walk(&x, hint, MAX_WALK).unwrap_or_else(|| self.search(&x))
     }
 
     /// [`Self::locate`] for each direction, in parallel.
@@ -150,10 +150,10 @@ impl Locator {
         directions.par_chunks(CHUNK).flat_map_iter(of_chunk).collect()
     }
 
-    /// `None` when the walk is too long or the point is on an edge up to rounding.
-    pub(crate) fn walk(&self, x: &Vector, hint: u32) -> Option<SurfacePoint> {
+    /// `None` when the walk is longer than `most` or the point is on an edge up to rounding.
+    pub(crate) fn walk(&self, x: &Vector, hint: u32, most: usize) -> Option<SurfacePoint> {
         let mut at = *self.leaf_of_triangle.get(hint as usize)?;
-        for _ in 0..MAX_WALK {
+        for _ in 0..most {
             let triangle = self.triangles.get(at as usize)?;
             let products = triangle.normals.map(|normal| normal.dot(x));
             let farthest = if products[1] < products[0] { 1 } else { 0 };

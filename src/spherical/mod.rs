@@ -26,6 +26,7 @@ pub(crate) use distortion_energy::{DistortionEnergy, ElementDerivatives, EnergyW
 pub use embedding_check::{EmbeddingCheck, check_embedding};
 pub(crate) use hierarchy::{Hierarchy, Insertion, VertexRings};
 pub use locate::Locator;
+pub(crate) use locate::MAX_WALK;
 pub use map_to_sphere::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
 pub(crate) use moebius::Moebius;
 pub(crate) use newton::{Newton, NewtonOptions};

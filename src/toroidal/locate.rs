@@ -4,12 +4,14 @@
 
 use std::collections::HashMap;
 
+use rayon::prelude::*;
+
 use super::ToroidalEmbedding;
 use super::rings::{Shift, minus, plus};
 use crate::geometry::Aabb;
 use crate::mesh::SurfacePoint;
 use crate::mesh::topology::Topology;
-use crate::spherical::Locator;
+use crate::spherical::{Locator, MAX_WALK};
 use crate::{Point, Vector};
 
 /// Evaluates the inverse of a [`ToroidalEmbedding`].
@@ -18,10 +20,19 @@ pub(crate) struct ToroidalLocator {
     copies: Locator,
     /// The triangle of each copy.
     triangle_of_copy: Vec<u32>,
+    /// Cells along a side of the square, and the copy at the middle of each cell, or near it, row by row: where the last point found is far, the
+    /// search starts here.
+    cells: usize,
+    copy_of_cell: Vec<u32>,
 }
 
 /// Boxes are enlarged by this for rounding errors of positions.
 const MARGIN: f64 = 64.0 * f64::EPSILON;
+
+/// Triangles to walk through from the last point found before the search starts from a cell.
+const SHORT_WALK: usize = 4;
+/// Cells for each triangle.
+const CELLS: f64 = 2.0;
 
 /// A point found, with the copy of its triangle, near which the next search may start.
 #[derive(Debug, Clone, Copy)]
@@ -76,10 +87,24 @@ impl ToroidalLocator {
             let by = minus(embedding.translations()[t as usize][side], other_shift);
             index_of.get(&(other, plus(shift, by))).copied().unwrap_or(u32::MAX)
         };
-        Self {
+        let cells = (CELLS * surface.triangles().len() as f64).sqrt().ceil() as usize;
+        let mut made = Self {
             copies: Locator::of_corners(&boxes, corners, across),
             triangle_of_copy: copies.iter().map(|copy| copy.0).collect(),
-        }
+            cells,
+            copy_of_cell: Vec::new(),
+        };
+        let middle = |k: usize| (k as f64 + 0.5) / cells as f64;
+        let of_row = |i: usize| {
+            let mut copy = u32::MAX;
+            let mut next = |j: usize| {
+                copy = made.located(&in_square([middle(i), middle(j)]), copy).copy;
+                copy
+            };
+            (0..cells).map(&mut next).collect::<Vec<u32>>()
+        };
+        made.copy_of_cell = (0..cells).into_par_iter().flat_map_iter(of_row).collect();
+        made
     }
 
     /// The point at a position, which may lie outside of the square.
@@ -90,8 +115,17 @@ impl ToroidalLocator {
     /// The same, faster when the point is near the last one found.
     pub fn locate_from(&self, position: [f64; 2], copy: u32) -> Located {
         let x = in_square(position);
-        let found = self.copies.walk(&x, copy);
-        self.on_surface(found.unwrap_or_else(|| self.copies.search(&x)))
+        if let Some(found) = self.copies.walk(&x, copy, SHORT_WALK) {
+            return self.on_surface(found);
+        }
+        let cell = |along: f64| ((along * self.cells as f64) as usize).min(self.cells - 1);
+        let near = self.copy_of_cell.get(cell(x[0]) * self.cells + cell(x[1]));
+        self.located(&x, near.copied().unwrap_or(u32::MAX))
+    }
+
+    fn located(&self, x: &Vector, copy: u32) -> Located {
+        let found = self.copies.walk(x, copy, MAX_WALK);
+        self.on_surface(found.unwrap_or_else(|| self.copies.search(x)))
     }
 
     fn on_surface(&self, found: SurfacePoint) -> Located {
@@ -128,8 +162,12 @@ mod tests {
                 barycentric: weights.map(|w| w / sum),
             };
             let [u, v] = embedding.position(&point);
-            let found = locator.locate_from([u + 3.0, v - 2.0], copy);
+            let at = [u + 3.0, v - 2.0];
+            let found = locator.locate_from(at, copy);
             copy = found.copy;
+            // Wherever the search starts.
+            assert_eq!(locator.locate_from(at, u32::MAX).point, found.point);
+            assert_eq!(locator.locate(at), found.point);
             assert_eq!(found.point.triangle, point.triangle);
             for k in 0..3 {
                 assert!((found.point.barycentric[k] - point.barycentric[k]).abs() < 1e-12);

@@ -1,13 +1,16 @@
 //! Loops of the domain that are to go to loops of the target: they decide which handle goes to which, and how often it is twisted.
 
+use super::Landmarks;
 use super::curves::{self, CurveError, CurvePoint, LandmarkCurve, Path};
-use super::{Landmarks, PairError};
 use crate::mesh::SurfaceMesh;
 
 /// Why loops do not decide on a class of maps. Loops count from 0, in the order given.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoopError {
+    /// The solids have no handles.
+    #[error("loops say which handle goes to which, and the solids have no handles; leave the loops out")]
+    NoHandles,
     /// They are no paths on these solids.
     #[error("of the loops, {0}")]
     Path(#[from] CurveError),
@@ -87,14 +90,10 @@ pub(super) fn traced(
     Ok((pairs, curves::traced(&closed, &Landmarks::none(), domain, target)?))
 }
 
-/// For solids without handles, around which no loop goes.
-pub(super) fn require_none(loops: &[LandmarkCurve]) -> Result<(), PairError> {
+/// For solids without handles.
+pub(super) fn require_none(loops: &[LandmarkCurve]) -> Result<(), LoopError> {
     match loops {
         [] => Ok(()),
-        _ => Err(LoopError::NoHandle {
-            index: 0,
-            side: "domain",
-        }
-        .into()),
+        _ => Err(LoopError::NoHandles),
     }
 }

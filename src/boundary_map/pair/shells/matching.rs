@@ -40,7 +40,7 @@ pub(super) struct Matching<'a> {
     is_aligned: bool,
     /// Whether outermost shells are mapped as they lie, too.
     starts_in_place: bool,
-    /// For shells of the domain with landmarks or curves the shell of the target that these are on.
+    /// For shells of the domain with landmarks, curves or loops the shell of the target that these are on.
     joined: BTreeMap<usize, usize>,
     /// For shells of the domain that are to go to certain ones, and for those around them, the shell of the target.
     given: BTreeMap<usize, usize>,
@@ -65,15 +65,22 @@ impl<'a> Matching<'a> {
             let (Some(from), Some(to)) = (domain.shell_of(v), target.shell_of(w)) else {
                 return Err(unmatched(format!("no shells have the landmarks {v} and {w}")));
             };
-            join(solids, &mut joined, [from, to])?;
+            require_no_handles(domain, from, "landmarks")?;
+            join(solids, &mut joined, "landmarks", [from, to])?;
         }
-        for (name, curves) in [("curve", &options.curves), ("loop", &options.loops)] {
+        for (name, all, curves) in [
+            ("curve", "landmark curves", &options.curves),
+            ("loop", "loops", &options.loops),
+        ] {
             for (index, curve) in curves.iter().enumerate() {
                 let paths = [(domain, &curve.domain), (target, &curve.target)];
                 let [Some(from), Some(to)] = paths.map(|(side, path)| side.shell_of_all(path)) else {
                     return Err(unmatched(format!("{name} {index} is not in one shell of each solid")));
                 };
-                join(solids, &mut joined, [from, to])?;
+                if all != "loops" {
+                    require_no_handles(domain, from, all)?;
+                }
+                join(solids, &mut joined, all, [from, to])?;
             }
         }
         Ok(Self {
@@ -293,27 +300,30 @@ impl<'a> Matching<'a> {
     }
 }
 
-/// Records that landmarks take a shell to another, and so the shells around it to those around that.
+/// For what can be given for shells without handles alone.
+fn require_no_handles(domain: &Solid, shell: usize, option: &'static str) -> Result<(), PairError> {
+    match domain.shells[shell].genus {
+        0 => Ok(()),
+        genus => {
+            let error = Box::new(PairError::NotWithHandles { option, genus });
+            Err(PairError::Shell { shell, error })
+        }
+    }
+}
+
+/// Records that something given, such as `"landmarks"`, takes a shell to another, and so the shells around it to those around that.
 ///
 /// # Errors
 ///
 /// When that cannot be.
-fn join(solids: &[Solid; 2], joined: &mut BTreeMap<usize, usize>, pair: [usize; 2]) -> Result<(), PairError> {
+fn join(solids: &[Solid; 2], joined: &mut BTreeMap<usize, usize>, by: &str, pair: [usize; 2]) -> Result<(), PairError> {
     let mut next = Some(pair);
     while let Some([from, to]) = next {
         let [a, b] = [&solids[0].shells[from], &solids[1].shells[to]];
-        if a.genus > 0 {
-            let (shell, genus) = (from, a.genus);
-            let error = Box::new(PairError::NotWithHandles {
-                option: "landmarks",
-                genus,
-            });
-            return Err(PairError::Shell { shell, error });
-        }
         let is_taken = joined.iter().any(|(&shell, &other)| (shell == from) != (other == to));
         if is_taken || a.signature != b.signature {
             return Err(unmatched(format!(
-                "landmarks take shell {from} of the domain to shell {to} of the target, and another one to it or it to another one, or \
+                "{by} take shell {from} of the domain to shell {to} of the target, and another one to it or it to another one, or \
                  the two have other handles or shells inside"
             )));
         }
@@ -323,7 +333,7 @@ fn join(solids: &[Solid; 2], joined: &mut BTreeMap<usize, usize>, pair: [usize; 
             [None, None] => None,
             _ => {
                 return Err(unmatched(format!(
-                    "landmarks take shell {from} of the domain to shell {to} of the target, of which one lies in another shell"
+                    "{by} take shell {from} of the domain to shell {to} of the target, of which one lies in another shell"
                 )));
             }
         };

@@ -9,6 +9,7 @@ mod given;
 mod matching;
 mod moving_least_squares;
 mod others;
+mod part;
 mod solid;
 mod starts;
 
@@ -19,11 +20,12 @@ pub use given::{ComponentMismatch, ComponentsError};
 use matching::{Beginning, Matching, Waiting};
 use moving_least_squares::MovingLeastSquares;
 use others::{RatedMap, distinct};
+use part::ShellPart;
 use solid::{Shell, Solid};
 
 use super::{
-    AlignError, LandmarkCurve, Landmarks, PairAlternative, PairError, PairMaps, PairMethod, PairOptions, PairPhase,
-    PairReport, ShellReport, Stretch, distortion, map_pair, map_pair_with_alternatives, over_surface,
+    AlignError, PairAlternative, PairError, PairMaps, PairMethod, PairOptions, PairPhase, PairReport, ShellReport,
+    Stretch, distortion, map_pair, map_pair_with_alternatives, over_surface,
 };
 use crate::boundary_map::{BoundaryMap, ShellMap};
 use crate::mesh::{SurfaceMesh, shapes};
@@ -112,7 +114,7 @@ impl ShellMapper<'_> {
                 PairError::Cancelled => error,
                 error => PairError::Shell {
                     shell,
-                    error: Box::new(error),
+                    error: Box::new(ShellPart::new(self.pair(next.pair), self.options).told_by_solids(error)),
                 },
             };
             let (map, report, of_shell) = self.mapped_with_inside(&next, progress).map_err(in_shell)?;
@@ -262,22 +264,13 @@ impl ShellMapper<'_> {
 
     /// The options for a pair of shells: with its landmarks and curves.
     fn options_of(&self, [from, to]: [&Shell; 2]) -> Result<PairOptions, PairError> {
-        let own = |shell: &Shell, v: u32| shell.vertices.binary_search(&v).ok().map(|own| own as u32);
-        let pairs = self.options.landmarks.pairs().iter();
-        let pairs: Vec<[u32; 2]> = pairs.filter_map(|&[v, w]| Some([own(from, v)?, own(to, w)?])).collect();
-        let path = |shell: &Shell, path: &[u32]| path.iter().map(|&v| own(shell, v)).collect::<Option<Vec<u32>>>();
-        let own_of = |curve: &LandmarkCurve| {
-            Some(LandmarkCurve {
-                domain: path(from, &curve.domain)?,
-                target: path(to, &curve.target)?,
-            })
-        };
+        let part = ShellPart::new([from, to], self.options);
         // Maps through a flat torus take no directions.
         let up = self.options.up.filter(|_| from.genus != 1);
         Ok(PairOptions {
-            landmarks: Landmarks::new(pairs, from.vertices.len(), to.vertices.len())?,
-            curves: self.options.curves.iter().filter_map(own_of).collect(),
-            loops: self.options.loops.iter().filter_map(own_of).collect(),
+            landmarks: part.landmarks()?,
+            curves: part.curves(),
+            loops: part.loops(),
             components: vec![],
             start: None,
             up,
