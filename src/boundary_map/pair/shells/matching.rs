@@ -68,16 +68,16 @@ impl<'a> Matching<'a> {
             require_no_handles(domain, from, "landmarks")?;
             join(solids, &mut joined, "landmarks", [from, to])?;
         }
-        for (name, all, curves) in [
-            ("curve", "landmark curves", &options.curves),
-            ("loop", "loops", &options.loops),
+        for (name, all, needs_genus_0, curves) in [
+            ("curve", "landmark curves", true, &options.curves),
+            ("loop", "loops", false, &options.loops),
         ] {
             for (index, curve) in curves.iter().enumerate() {
                 let paths = [(domain, &curve.domain), (target, &curve.target)];
                 let [Some(from), Some(to)] = paths.map(|(side, path)| side.shell_of_all(path)) else {
                     return Err(unmatched(format!("{name} {index} is not in one shell of each solid")));
                 };
-                if all != "loops" {
+                if needs_genus_0 {
                     require_no_handles(domain, from, all)?;
                 }
                 join(solids, &mut joined, all, [from, to])?;
@@ -300,7 +300,7 @@ impl<'a> Matching<'a> {
     }
 }
 
-/// For what can be given for shells without handles alone.
+/// Refuses what only shells without handles can be given.
 fn require_no_handles(domain: &Solid, shell: usize, option: &'static str) -> Result<(), PairError> {
     match domain.shells[shell].genus {
         0 => Ok(()),

@@ -114,7 +114,7 @@ impl ShellMapper<'_> {
                 PairError::Cancelled => error,
                 error => PairError::Shell {
                     shell,
-                    error: Box::new(ShellPart::new(self.pair(next.pair), self.options).told_by_solids(error)),
+                    error: Box::new(ShellPart::new(self.pair(next.pair), self.options).in_numbers_of_solids(error)),
                 },
             };
             let (map, report, of_shell) = self.mapped_with_inside(&next, progress).map_err(in_shell)?;

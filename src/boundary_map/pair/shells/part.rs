@@ -1,5 +1,5 @@
-//! What is given for two solids, as it is for a pair of their shells: landmarks, curves and loops on both, by the shells' own vertices. Errors
-//! about them are told by the numbers of the solids.
+//! The landmarks, curves and loops of a pair of shells, out of those of the whole solids, in vertex numbers of the shells; and errors about
+//! them, back in numbers of the solids.
 
 use super::solid::Shell;
 use crate::boundary_map::pair::{
@@ -15,7 +15,7 @@ pub(super) struct ShellPart<'a> {
 }
 
 impl<'a> ShellPart<'a> {
-    /// Of what is given for the solids.
+    /// Takes what lies on both shells out of the landmarks, curves and loops of the whole solids.
     pub fn new(shells: [&'a Shell; 2], given: &PairOptions) -> Self {
         let [from, to] = shells;
         let own = |shell: &Shell, v: u32| shell.vertices.binary_search(&v).ok().map(|own| own as u32);
@@ -57,7 +57,7 @@ impl<'a> ShellPart<'a> {
     }
 
     /// An error of mapping the shells, by the numbers that landmarks, curves, loops and vertices have in the solids.
-    pub fn told_by_solids(&self, error: PairError) -> PairError {
+    pub fn in_numbers_of_solids(&self, error: PairError) -> PairError {
         match error {
             PairError::LandmarksMissed {
                 landmarks,
@@ -96,7 +96,7 @@ fn place<T>(of_shells: &[(usize, T)], own: usize) -> usize {
     of_shells.get(own).map_or(own, |one| one.0)
 }
 
-/// Vertices out of range are refused before shells are told apart.
+/// The error with the curve's number in the file. Curves with vertices out of range lie on no shell, and are refused before.
 fn of_path(error: CurveError, curves: &[(usize, LandmarkCurve)]) -> CurveError {
     match error {
         CurveError::NoLength { curve, side } => CurveError::NoLength {
