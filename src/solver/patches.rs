@@ -189,9 +189,6 @@ impl Patch {
     }
 
     /// `Aᵀ W r` with the patch's rows and sources.
-    ///
-    /// In double precision: rounding to single precision would tell residuals apart that differ by rounding, and the inverse
-    /// would multiply that.
     fn project(&self, patches: &Patches, residual: &Values) -> Mat<f64> {
         let at: Vec<Point> = self.sources.iter().map(|&s| patches.sources[s as usize]).collect();
         let from: Vec<Point> = self.rows.iter().map(|&r| patches.points[r as usize]).collect();
@@ -202,23 +199,32 @@ impl Patch {
             // The kernel is symmetric: the transposed product is the potential of the rows at the sources.
             let weight = |&r: &u32| std::array::from_fn(|k| if k < columns { weighted(r, k) } else { 0.0 });
             let weights: Vec<[f64; 3]> = self.rows.iter().map(weight).collect();
-            let reversed = direct::Sources::new(&from, &weights).expect("a weight for each row");
-            for (i, sums) in direct::potential(&reversed, &at).iter().enumerate() {
+            let potential = direct::potential_in_single(&from, &weights, &at).unwrap_or_else(|| {
+                let reversed = direct::Sources::new(&from, &weights).expect("a weight for each row");
+                direct::potential(&reversed, &at)
+            });
+            for (i, sums) in potential.iter().enumerate() {
                 (0..columns).for_each(|k| projected[(i, k)] = sums[k]);
             }
         } else {
             let mut matrix = vec![0.0; at.len() * from.len()];
-            direct::fill_matrix(&from, &at, &mut matrix).expect("an entry for each pair");
+            fill_local_matrix(&from, &at, &mut matrix, &mut Vec::new());
             let matrix = MatRef::from_column_major_slice(&matrix, from.len(), at.len());
-            let rhs = Mat::from_fn(from.len(), columns, |i, k| weighted(self.rows[i], k));
+            let largest: Vec<f64> = (0..columns)
+                .map(|k| self.rows.iter().map(|&r| weighted(r, k).abs()).fold(0.0, f64::max))
+                .collect();
+            let up = |k: usize| if largest[k] > 0.0 { 1.0 / largest[k] } else { 0.0 };
+            let rhs = Mat::from_fn(from.len(), columns, |i, k| (weighted(self.rows[i], k) * up(k)) as f32);
+            let mut product = Mat::<f32>::zeros(at.len(), columns);
             matmul(
-                projected.as_mut(),
+                product.as_mut(),
                 Accum::Replace,
                 matrix.transpose(),
                 &rhs,
                 1.0,
                 Par::Seq,
             );
+            projected = Mat::from_fn(at.len(), columns, |i, k| f64::from(product[(i, k)]) * largest[k]);
         }
         projected
     }

@@ -38,8 +38,8 @@ mod single;
 pub(super) use loops::{BlockValues, LANES, PackedSource, TargetBlock, add_gradient, add_potential, write_column};
 pub(super) use range::{PowerOfTwoScale, is_minute};
 use range::{in_range, unlimited_jacobian, unlimited_potential};
-pub(crate) use single::fill_matrix_in_single;
 pub(super) use single::{LARGEST, are_right};
+pub(crate) use single::{fill_matrix_in_single, potential_in_single};
 
 /// Points with three weights each, packed for the sums.
 #[derive(Debug, Clone)]
