@@ -1,4 +1,4 @@
-//! Vectors of `f64` or `f32` in AVX-512, AVX2 or portable Rust, chosen at run time.
+//! Vectors of `f64` in AVX-512, AVX2 or portable Rust, chosen at run time.
 //!
 //! An inner loop is written once, as a [`Computation`] generic over [`Simd`], and [`Instructions::run`] compiles it for
 //! each set of instructions. Vectors are made through a token that exists only where the processor has the
@@ -58,7 +58,7 @@ impl Instructions {
         }
     }
 
-    pub(crate) fn run<T: Scalar, C: Computation<T>>(self, computation: C) -> C::Output {
+    pub(crate) fn run<C: Computation>(self, computation: C) -> C::Output {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the token exists only where AVX-512F was found.
@@ -66,54 +66,8 @@ impl Instructions {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the token exists only where AVX2 and FMA were found.
             InstructionSet::Avx2(token) => unsafe { x86::run_avx2(token, computation) },
-            InstructionSet::Portable => computation.run::<T::Portable>(()),
+            InstructionSet::Portable => computation.run::<Portable<4>>(()),
         }
-    }
-}
-
-/// What vectors hold: `f64` or `f32`.
-pub(crate) trait Scalar: Copy + Default + Send + Sync + 'static {
-    /// Vectors of the portable set.
-    type Portable: Simd<Self, Token = ()>;
-    #[cfg(target_arch = "x86_64")]
-    type Avx2: Simd<Self, Token = x86::Avx2>;
-    #[cfg(target_arch = "x86_64")]
-    type Avx512: Simd<Self, Token = x86::Avx512>;
-
-    /// Rounded to this precision.
-    fn from_f64(value: f64) -> Self;
-    fn to_f64(self) -> f64;
-}
-
-impl Scalar for f64 {
-    type Portable = Portable<4>;
-    #[cfg(target_arch = "x86_64")]
-    type Avx2 = x86::F64x4;
-    #[cfg(target_arch = "x86_64")]
-    type Avx512 = x86::F64x8;
-
-    fn from_f64(value: f64) -> Self {
-        value
-    }
-
-    fn to_f64(self) -> f64 {
-        self
-    }
-}
-
-impl Scalar for f32 {
-    type Portable = Portable<8, f32>;
-    #[cfg(target_arch = "x86_64")]
-    type Avx2 = x86::F32x8;
-    #[cfg(target_arch = "x86_64")]
-    type Avx512 = x86::F32x16;
-
-    fn from_f64(value: f64) -> Self {
-        value as f32
-    }
-
-    fn to_f64(self) -> f64 {
-        f64::from(self)
     }
 }
 
@@ -121,14 +75,14 @@ impl Scalar for f32 {
 ///
 /// `run` and all that it calls with vectors must be `#[inline(always)]`: only what is inlined into
 /// [`Instructions::run`] is compiled for the instructions.
-pub(crate) trait Computation<T = f64> {
+pub(crate) trait Computation {
     type Output;
 
-    fn run<V: Simd<T>>(self, token: V::Token) -> Self::Output;
+    fn run<V: Simd>(self, token: V::Token) -> Self::Output;
 }
 
 /// A vector of [`Self::WIDTH`] values.
-pub(crate) trait Simd<T = f64>:
+pub(crate) trait Simd:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
     /// Proof that the processor can calculate with these.
@@ -137,21 +91,19 @@ pub(crate) trait Simd<T = f64>:
     /// How many vectors the processor can hold in registers.
     const REGISTERS: usize;
 
-    fn splat(token: Self::Token, value: T) -> Self;
+    fn splat(token: Self::Token, value: f64) -> Self;
     /// The first [`Self::WIDTH`] values.
-    fn load(token: Self::Token, values: &[T]) -> Self;
-    fn store(self, values: &mut [T]);
+    fn load(token: Self::Token, values: &[f64]) -> Self;
+    fn store(self, values: &mut [f64]);
     /// `self * factor + summand`, rounded once where the processor can.
     fn mul_add(self, factor: Self, summand: Self) -> Self;
-    /// `1 / self` to a unit in the last place, or two of `f32`; infinite or NaN for zero.
+    /// `1 / self` to a unit in the last place; infinite or NaN for zero.
     fn reciprocal(self) -> Self;
-    /// `1 / √self` to a unit in the last place, or three of `f32`. Not finite for zero, NaN for infinity; AVX2 has the
-    /// range of `f32` only.
+    /// `1 / √self` to a unit in the last place. Not finite for zero, NaN for infinity; AVX2 has the range of `f32`
+    /// only.
     fn reciprocal_sqrt(self) -> Self;
     fn sqrt(self) -> Self;
     fn abs(self) -> Self;
-    /// The larger of each two; either where one is NaN.
-    fn max(self, other: Self) -> Self;
     /// A bit for each value where `self < other`; never for NaN.
     fn less(self, other: Self) -> u32;
     /// `yes` where `self < other`, else `no`.
@@ -160,118 +112,111 @@ pub(crate) trait Simd<T = f64>:
 
 /// `N` values in plain Rust, which compilers turn into whatever vectors the target has by default.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Portable<const N: usize, T = f64>(pub(crate) [T; N]);
+pub(crate) struct Portable<const N: usize>(pub(crate) [f64; N]);
+
+impl<const N: usize> Portable<N> {
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        Self(from_fn(|i| f(self.0[i], other.0[i])))
+    }
+}
 
 macro_rules! portable_operator {
-    ($scalar:ident, $operator:ident, $function:ident) => {
-        impl<const N: usize> $operator for Portable<N, $scalar> {
+    ($operator:ident, $function:ident) => {
+        impl<const N: usize> $operator for Portable<N> {
             type Output = Self;
 
             #[inline(always)]
             fn $function(self, other: Self) -> Self {
-                Self(from_fn(|i| self.0[i].$function(other.0[i])))
+                self.zip(other, |a, b| a.$function(b))
             }
         }
     };
 }
 
-macro_rules! portable {
-    ($scalar:ident) => {
-        portable_operator!($scalar, Add, add);
-        portable_operator!($scalar, Sub, sub);
-        portable_operator!($scalar, Mul, mul);
-        portable_operator!($scalar, Div, div);
+portable_operator!(Add, add);
+portable_operator!(Sub, sub);
+portable_operator!(Mul, mul);
+portable_operator!(Div, div);
 
-        impl<const N: usize> Neg for Portable<N, $scalar> {
-            type Output = Self;
+impl<const N: usize> Neg for Portable<N> {
+    type Output = Self;
 
-            #[inline(always)]
-            fn neg(self) -> Self {
-                Self(self.0.map(|a| -a))
-            }
-        }
-
-        impl<const N: usize> Simd<$scalar> for Portable<N, $scalar> {
-            type Token = ();
-            const WIDTH: usize = N;
-            const REGISTERS: usize = 8;
-
-            #[inline(always)]
-            fn splat((): (), value: $scalar) -> Self {
-                Self([value; N])
-            }
-
-            #[inline(always)]
-            fn load((): (), values: &[$scalar]) -> Self {
-                let values = &values[..N];
-                Self(from_fn(|i| values[i]))
-            }
-
-            #[inline(always)]
-            fn store(self, values: &mut [$scalar]) {
-                values[..N].copy_from_slice(&self.0);
-            }
-
-            // Where the instruction is missing, a call to emulate it costs more than the digit is worth.
-            #[inline(always)]
-            fn mul_add(self, factor: Self, summand: Self) -> Self {
-                self * factor + summand
-            }
-
-            #[inline(always)]
-            fn reciprocal(self) -> Self {
-                Self(self.0.map(|a| 1.0 / a))
-            }
-
-            #[inline(always)]
-            fn reciprocal_sqrt(self) -> Self {
-                // The last term makes the result NaN for infinity, as in the other implementations.
-                Self(self.0.map(|a| 1.0 / a.sqrt() + 0.0 * a))
-            }
-
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                Self(self.0.map($scalar::sqrt))
-            }
-
-            #[inline(always)]
-            fn abs(self) -> Self {
-                Self(self.0.map($scalar::abs))
-            }
-
-            #[inline(always)]
-            fn max(self, other: Self) -> Self {
-                other.if_less(self, self, other)
-            }
-
-            #[inline(always)]
-            fn less(self, other: Self) -> u32 {
-                (0..N).fold(0, |bits, i| bits | u32::from(self.0[i] < other.0[i]) << i)
-            }
-
-            #[inline(always)]
-            fn if_less(self, other: Self, yes: Self, no: Self) -> Self {
-                Self(from_fn(
-                    |i| if self.0[i] < other.0[i] { yes.0[i] } else { no.0[i] },
-                ))
-            }
-        }
-    };
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|a| -a))
+    }
 }
 
-portable!(f64);
-portable!(f32);
+impl<const N: usize> Simd for Portable<N> {
+    type Token = ();
+    const WIDTH: usize = N;
+    const REGISTERS: usize = 8;
+
+    #[inline(always)]
+    fn splat((): (), value: f64) -> Self {
+        Self([value; N])
+    }
+
+    #[inline(always)]
+    fn load((): (), values: &[f64]) -> Self {
+        let values = &values[..N];
+        Self(from_fn(|i| values[i]))
+    }
+
+    #[inline(always)]
+    fn store(self, values: &mut [f64]) {
+        values[..N].copy_from_slice(&self.0);
+    }
+
+    // Where the instruction is missing, a call to emulate it costs more than the digit is worth.
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        self * factor + summand
+    }
+
+    #[inline(always)]
+    fn reciprocal(self) -> Self {
+        Self(self.0.map(|a| 1.0 / a))
+    }
+
+    #[inline(always)]
+    fn reciprocal_sqrt(self) -> Self {
+        // The last term makes the result NaN for infinity, as in the other implementations.
+        Self(self.0.map(|a| 1.0 / a.sqrt() + 0.0 * a))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> u32 {
+        (0..N).fold(0, |bits, i| bits | u32::from(self.0[i] < other.0[i]) << i)
+    }
+
+    #[inline(always)]
+    fn if_less(self, other: Self, yes: Self, no: Self) -> Self {
+        Self(from_fn(|i| if self.0[i] < other.0[i] { yes.0[i] } else { no.0[i] }))
+    }
+}
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
-    use super::{Computation, Scalar, Simd};
+    use super::{Computation, Simd};
 
     /// Proof that the processor has AVX-512F.
     #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-    pub(crate) struct Avx512(());
+    pub(super) struct Avx512(());
 
     impl Avx512 {
         pub(super) fn detect() -> Option<Self> {
@@ -281,7 +226,7 @@ mod x86 {
 
     /// Proof that the processor has AVX2 and FMA.
     #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-    pub(crate) struct Avx2(());
+    pub(super) struct Avx2(());
 
     impl Avx2 {
         pub(super) fn detect() -> Option<Self> {
@@ -290,13 +235,13 @@ mod x86 {
     }
 
     #[target_feature(enable = "avx512f")]
-    pub(super) fn run_avx512<T: Scalar, C: Computation<T>>(token: Avx512, computation: C) -> C::Output {
-        computation.run::<T::Avx512>(token)
+    pub(super) fn run_avx512<C: Computation>(token: Avx512, computation: C) -> C::Output {
+        computation.run::<F64x8>(token)
     }
 
     #[target_feature(enable = "avx2,fma")]
-    pub(super) fn run_avx2<T: Scalar, C: Computation<T>>(token: Avx2, computation: C) -> C::Output {
-        computation.run::<T::Avx2>(token)
+    pub(super) fn run_avx2<C: Computation>(token: Avx2, computation: C) -> C::Output {
+        computation.run::<F64x4>(token)
     }
 
     macro_rules! operator {
@@ -317,9 +262,9 @@ mod x86 {
     // instructions, and a call of it costs more than what it does.
     macro_rules! simd {
         (
-            $name:ident, $scalar:ty, $token:ident, $vector:ty, $width:literal, $registers:literal,
+            $name:ident, $token:ident, $vector:ty, $width:literal, $registers:literal,
             $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident,
-            $sqrt:ident, $max:ident,
+            $sqrt:ident,
             |$ra:ident| $reciprocal:expr,
             |$rsa:ident| $reciprocal_sqrt:expr,
             |$aa:ident| $abs:expr,
@@ -328,7 +273,7 @@ mod x86 {
         ) => {
             /// Made from a token only, hence only where the instructions are.
             #[derive(Debug, Clone, Copy)]
-            pub(crate) struct $name($vector);
+            pub(super) struct $name($vector);
 
             operator!($name, Add, add, $add);
             operator!($name, Sub, sub, $sub);
@@ -345,26 +290,26 @@ mod x86 {
                 }
             }
 
-            impl Simd<$scalar> for $name {
+            impl Simd for $name {
                 type Token = $token;
                 const WIDTH: usize = $width;
                 const REGISTERS: usize = $registers;
 
                 #[inline(always)]
-                fn splat(_: $token, value: $scalar) -> Self {
+                fn splat(_: $token, value: f64) -> Self {
                     // SAFETY: the token proves that the processor has the instruction.
                     Self(unsafe { $set1(value) })
                 }
 
                 #[inline(always)]
-                fn load(_: $token, values: &[$scalar]) -> Self {
+                fn load(_: $token, values: &[f64]) -> Self {
                     let values = &values[..$width];
                     // SAFETY: the token proves that the processor has the instruction; the slice covers what it reads.
                     Self(unsafe { $loadu(values.as_ptr()) })
                 }
 
                 #[inline(always)]
-                fn store(self, values: &mut [$scalar]) {
+                fn store(self, values: &mut [f64]) {
                     let values = &mut values[..$width];
                     // SAFETY: as for loading; the slice covers what is written.
                     unsafe { $storeu(values.as_mut_ptr(), self.0) }
@@ -397,12 +342,6 @@ mod x86 {
                 }
 
                 #[inline(always)]
-                fn max(self, other: Self) -> Self {
-                    // SAFETY: the token that made these vectors proves that the processor has the instruction.
-                    Self(unsafe { $max(self.0, other.0) })
-                }
-
-                #[inline(always)]
                 fn abs(self) -> Self {
                     let $aa = self.0;
                     // SAFETY: the token that made these vectors proves that the processor has the instructions.
@@ -428,7 +367,6 @@ mod x86 {
 
     simd!(
         F64x8,
-        f64,
         Avx512,
         __m512d,
         8,
@@ -442,7 +380,6 @@ mod x86 {
         _mm512_div_pd,
         _mm512_fmadd_pd,
         _mm512_sqrt_pd,
-        _mm512_max_pd,
         // Newton's method on an estimate of 14 bits: division takes several times as long.
         |a| {
             let one = _mm512_set1_pd(1.0);
@@ -466,7 +403,6 @@ mod x86 {
 
     simd!(
         F64x4,
-        f64,
         Avx2,
         __m256d,
         4,
@@ -480,7 +416,6 @@ mod x86 {
         _mm256_div_pd,
         _mm256_fmadd_pd,
         _mm256_sqrt_pd,
-        _mm256_max_pd,
         |a| _mm256_div_pd(_mm256_set1_pd(1.0), a),
         // From an estimate `y` in single precision with `h = 1 − s y²`, `|h| ≤ 3·2⁻¹²`, the step of fifth order
         // `y (1 + h/2 + 3h²/8 + 5h³/16 + 35h⁴/128)` leaves `63 h⁵/256`. Below the range of `f32` the result is NaN or
@@ -496,66 +431,5 @@ mod x86 {
         |a| _mm256_andnot_pd(_mm256_set1_pd(-0.0), a),
         |a, b| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(a, b)) as u32,
         |a, b, yes, no| _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_LT_OQ>(a, b))
-    );
-
-    simd!(
-        F32x16,
-        f32,
-        Avx512,
-        __m512,
-        16,
-        32,
-        _mm512_set1_ps,
-        _mm512_loadu_ps,
-        _mm512_storeu_ps,
-        _mm512_add_ps,
-        _mm512_sub_ps,
-        _mm512_mul_ps,
-        _mm512_div_ps,
-        _mm512_fmadd_ps,
-        _mm512_sqrt_ps,
-        _mm512_max_ps,
-        |a| {
-            let estimate = _mm512_rcp14_ps(a);
-            _mm512_fmadd_ps(estimate, _mm512_fnmadd_ps(a, estimate, _mm512_set1_ps(1.0)), estimate)
-        },
-        // Newton's step `y (1 + h/2)` leaves `3 h²/8`.
-        |s| {
-            let y = _mm512_rsqrt14_ps(s);
-            let h = _mm512_fnmadd_ps(_mm512_mul_ps(s, y), y, _mm512_set1_ps(1.0));
-            _mm512_fmadd_ps(_mm512_mul_ps(y, h), _mm512_set1_ps(0.5), y)
-        },
-        |a| _mm512_abs_ps(a),
-        |a, b| u32::from(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b)),
-        |a, b, yes, no| _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b), no, yes)
-    );
-
-    simd!(
-        F32x8,
-        f32,
-        Avx2,
-        __m256,
-        8,
-        16,
-        _mm256_set1_ps,
-        _mm256_loadu_ps,
-        _mm256_storeu_ps,
-        _mm256_add_ps,
-        _mm256_sub_ps,
-        _mm256_mul_ps,
-        _mm256_div_ps,
-        _mm256_fmadd_ps,
-        _mm256_sqrt_ps,
-        _mm256_max_ps,
-        |a| _mm256_div_ps(_mm256_set1_ps(1.0), a),
-        // Newton's step `y (1 + h/2)` leaves `3 h²/8`, with `|h| ≤ 3·2⁻¹²` three units in the last place.
-        |s| {
-            let y = _mm256_rsqrt_ps(s);
-            let h = _mm256_fnmadd_ps(_mm256_mul_ps(s, y), y, _mm256_set1_ps(1.0));
-            _mm256_fmadd_ps(_mm256_mul_ps(y, h), _mm256_set1_ps(0.5), y)
-        },
-        |a| _mm256_andnot_ps(_mm256_set1_ps(-0.0), a),
-        |a, b| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a, b)) as u32,
-        |a, b, yes, no| _mm256_blendv_ps(no, yes, _mm256_cmp_ps::<_CMP_LT_OQ>(a, b))
     );
 }

@@ -154,9 +154,10 @@ impl Patch {
         let at: Vec<Point> = rows.iter().map(|&r| points[r as usize]).collect();
         let from: Vec<Point> = sources.iter().map(|&s| level.sources[s as usize]).collect();
         let roots: Vec<f64> = rows.iter().map(|&r| level.weights[r as usize].sqrt()).collect();
-        let unit = first(&mut memory.unit_matrix, rows.len() * sources.len());
-        fill_local_matrix(&at, &from, unit, &mut memory.matrix);
-        let scales = unit_columns(unit, &roots, sources.len());
+        let matrix = first(&mut memory.matrix, rows.len() * sources.len());
+        fill_local_matrix(&at, &from, matrix);
+        let unit = first(&mut memory.unit_matrix, matrix.len());
+        let scales = unit_columns(matrix, &roots, sources.len(), unit);
         let unit = MatRef::from_column_major_slice(unit, rows.len(), sources.len());
         Self {
             inverse: core_inverse(unit, core, &mut memory.normal, &mut memory.factor),
@@ -199,65 +200,50 @@ impl Patch {
             // The kernel is symmetric: the transposed product is the potential of the rows at the sources.
             let weight = |&r: &u32| std::array::from_fn(|k| if k < columns { weighted(r, k) } else { 0.0 });
             let weights: Vec<[f64; 3]> = self.rows.iter().map(weight).collect();
-            let potential = direct::potential_in_single(&from, &weights, &at).unwrap_or_else(|| {
-                let reversed = direct::Sources::new(&from, &weights).expect("a weight for each row");
-                direct::potential(&reversed, &at)
-            });
-            for (i, sums) in potential.iter().enumerate() {
+            let reversed = direct::Sources::new(&from, &weights).expect("a weight for each row");
+            for (i, sums) in direct::potential(&reversed, &at).iter().enumerate() {
                 (0..columns).for_each(|k| projected[(i, k)] = sums[k]);
             }
         } else {
-            let mut matrix = vec![0.0; at.len() * from.len()];
-            fill_local_matrix(&from, &at, &mut matrix, &mut Vec::new());
+            let matrix = local_matrix(&from, &at);
             let matrix = MatRef::from_column_major_slice(&matrix, from.len(), at.len());
-            let largest: Vec<f64> = (0..columns)
-                .map(|k| self.rows.iter().map(|&r| weighted(r, k).abs()).fold(0.0, f64::max))
-                .collect();
-            let up = |k: usize| if largest[k] > 0.0 { 1.0 / largest[k] } else { 0.0 };
-            let rhs = Mat::from_fn(from.len(), columns, |i, k| (weighted(self.rows[i], k) * up(k)) as f32);
-            let mut product = Mat::<f32>::zeros(at.len(), columns);
+            let rhs = Mat::from_fn(from.len(), columns, |i, k| weighted(self.rows[i], k));
             matmul(
-                product.as_mut(),
+                projected.as_mut(),
                 Accum::Replace,
                 matrix.transpose(),
                 &rhs,
                 1.0,
                 Par::Seq,
             );
-            projected = Mat::from_fn(at.len(), columns, |i, k| f64::from(product[(i, k)]) * largest[k]);
         }
         projected
     }
 }
 
-/// Kernel values, a row per point of `at`, column after column of points of `from`: calculated in single precision, unless two
-/// points are so close that they need double precision, for which there is `memory`.
-fn fill_local_matrix(at: &[Point], from: &[Point], matrix: &mut [f32], memory: &mut Vec<f64>) {
-    if !direct::fill_matrix_in_single(at, from, matrix) {
-        let exact = first(memory, matrix.len());
-        direct::fill_matrix(at, from, exact).expect("an entry for each pair");
-        matrix
-            .iter_mut()
-            .zip(exact)
-            .for_each(|(entry, exact)| *entry = *exact as f32);
-    }
+/// Kernel values: a row per point of `at`, column after column of points of `from`.
+fn local_matrix(at: &[Point], from: &[Point]) -> Vec<f64> {
+    let mut matrix = vec![0.0; at.len() * from.len()];
+    fill_local_matrix(at, from, &mut matrix);
+    matrix
 }
 
-/// Puts `weights` on the rows of a matrix, and divides each column by its norm. Returns the reciprocal norms, zero for columns that
-/// have none.
-fn unit_columns(matrix: &mut [f32], weights: &[f64], columns: usize) -> Vec<f64> {
+fn fill_local_matrix(at: &[Point], from: &[Point], matrix: &mut [f64]) {
+    direct::fill_matrix(at, from, matrix).expect("an entry for each pair");
+}
+
+/// Writes the columns of a matrix with `weights` on its rows, each divided by its norm. Returns the reciprocal norms, zero for
+/// columns that have none.
+fn unit_columns(matrix: &[f64], weights: &[f64], columns: usize, unit: &mut [f32]) -> Vec<f64> {
     let rows = weights.len();
     let column = |j: usize| {
-        let column = &mut matrix[j * rows..][..rows];
-        let weighted = column
-            .iter()
-            .zip(weights)
-            .map(|(entry, weight)| f64::from(*entry) * weight);
-        let scale = weighted.map(|entry| entry * entry).sum::<f64>().sqrt().recip();
+        let (column, unit) = (&matrix[j * rows..][..rows], &mut unit[j * rows..][..rows]);
+        let weighted = || column.iter().zip(weights).map(|(entry, weight)| entry * weight);
+        let scale = weighted().map(|entry| entry * entry).sum::<f64>().sqrt().recip();
         let scale = if scale.is_finite() { scale } else { 0.0 };
-        for (entry, weight) in column.iter_mut().zip(weights) {
-            *entry = (f64::from(*entry) * weight * scale) as f32;
-        }
+        unit.iter_mut()
+            .zip(weighted())
+            .for_each(|(out, entry)| *out = (entry * scale) as f32);
         scale
     };
     (0..columns).map(column).collect()

@@ -21,25 +21,20 @@
 use std::f64::consts::PI;
 
 use faer::linalg::matmul::matmul;
-use faer::traits::ComplexField;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
 use super::{KernelError, laplace_potential, require_length};
 pub use crate::simd::Instructions;
-use crate::simd::Scalar;
 use crate::{Matrix3, Point};
 
 mod loops;
 mod range;
-mod single;
 
 pub(super) use loops::{BlockValues, LANES, PackedSource, TargetBlock, add_gradient, add_potential, write_column};
 pub(super) use range::{PowerOfTwoScale, is_minute};
 use range::{in_range, unlimited_jacobian, unlimited_potential};
-pub(super) use single::{LARGEST, are_right};
-pub(crate) use single::{fill_matrix_in_single, potential_in_single};
 
 /// Points with three weights each, packed for the sums.
 #[derive(Debug, Clone)]
@@ -275,9 +270,9 @@ fn write_entries(
 ) {
     let scaled = source * scale.up;
     let factor = scale.up / (4.0 * PI);
-    let largest = write_column(instructions, scaled.coords.into(), factor, blocks, column);
+    let finite = write_column(instructions, scaled.coords.into(), factor, blocks, column);
     let source_is_minute = is_minute(scaled);
-    if largest.is_some() && !source_is_minute {
+    if finite && !source_is_minute {
         return;
     }
     for (entry, target) in column.iter_mut().zip(targets) {
@@ -314,15 +309,15 @@ fn products(
 
 /// Adds to `out` (targets × columns) `factor` times the potential of points with a row of weights each; `write` gives
 /// the kernel between a point and all targets.
-pub(super) fn add_products<P, T: Scalar + ComplexField>(
+pub(super) fn add_products<P>(
     points: &[P],
-    weights: MatRef<'_, T>,
-    factor: T,
-    mut out: MatMut<'_, T>,
-    mut write: impl FnMut(&P, &mut [T]),
+    weights: MatRef<'_, f64>,
+    factor: f64,
+    mut out: MatMut<'_, f64>,
+    write: impl Fn(&P, &mut [f64]),
 ) {
     let rows = out.nrows();
-    let mut kernel = vec![T::default(); rows * PRODUCT_TILE.min(points.len())];
+    let mut kernel = vec![0.0; rows * PRODUCT_TILE.min(points.len())];
     for (tile, points) in points.chunks(PRODUCT_TILE).enumerate() {
         let kernel = &mut kernel[..rows * points.len()];
         for (point, column) in points.iter().zip(kernel.chunks_mut(rows)) {

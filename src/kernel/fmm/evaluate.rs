@@ -8,10 +8,8 @@ use rayon::prelude::*;
 
 use super::expansions::Pass;
 use super::operators::blocks;
-use super::single;
-use super::tree::{Tree, TreeCell};
+use super::tree::TreeCell;
 use crate::kernel::direct::{self, BlockValues, Instructions, LANES, PackedSource, TargetBlock};
-use crate::simd::Scalar;
 
 /// Sums at all targets in the order of the tree: potentials, `targets × columns`, and gradients, `× 3`.
 pub(super) struct TargetSums {
@@ -44,7 +42,7 @@ pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gra
         } else if with_gradient {
             task.run_by_triples(pass, multipoles, &weights, direct::add_gradient);
         } else {
-            task.run_by_triples(pass, multipoles, &weights, direct::add_potential::<f64, 3>);
+            task.run_by_triples(pass, multipoles, &weights, direct::add_potential);
         }
         task.failed(pass)
     };
@@ -104,18 +102,9 @@ impl LeafTask<'_> {
         for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
             let len = pass.lists.leaves[leaf].targets.len();
             for triple in 0..pass.weights.triples.len() {
-                let surfaces = || weighted_surfaces(pass, leaf, weights, multipoles);
-                let in_single = pass.operators.has_single_sums && N == 3;
-                match in_single
-                    .then(|| single::sum_leaf(pass, leaf, triple, surfaces()))
-                    .flatten()
-                {
-                    Some(sums) => self.store(pass, done, len, triple, &sums),
-                    None => {
-                        let sums = sum_leaf(pass, leaf, triple, surfaces(), add_sums);
-                        self.store(pass, done, len, triple, &sums);
-                    }
-                }
+                let surfaces = weighted_surfaces(pass, leaf, weights, multipoles);
+                let sums = sum_leaf(pass, leaf, triple, surfaces, add_sums);
+                self.store(pass, done, len, triple, &sums);
             }
             done += len;
         }
@@ -127,11 +116,8 @@ impl LeafTask<'_> {
         let mut done = 0;
         for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
             let len = pass.lists.leaves[leaf].targets.len() * columns;
-            let surfaces = || weighted_surfaces(pass, leaf, weights, multipoles);
-            let out = &mut self.potentials[done..][..len];
-            if !(pass.operators.has_single_sums && single::add_leaf_by_rows(pass, leaf, surfaces(), out)) {
-                add_leaf_by_rows(pass, leaf, surfaces(), out);
-            }
+            let surfaces = weighted_surfaces(pass, leaf, weights, multipoles);
+            add_leaf_by_rows(pass, leaf, surfaces, &mut self.potentials[done..][..len]);
             done += len;
         }
     }
@@ -191,10 +177,10 @@ impl LeafTask<'_> {
 }
 
 /// Points of a surface about a cell, with weights column after column.
-pub(super) struct WeightedSurface<'a> {
-    pub(super) cell: &'a TreeCell,
-    pub(super) points: &'a [[f64; 3]],
-    pub(super) weights: Cow<'a, [f64]>,
+struct WeightedSurface<'a> {
+    cell: &'a TreeCell,
+    points: &'a [[f64; 3]],
+    weights: Cow<'a, [f64]>,
 }
 
 /// The surfaces that stand for the sources that are not near a leaf: that of its local expansion, and those of the
@@ -239,7 +225,7 @@ fn sum_leaf<'a, const N: usize>(
     for surface in surfaces {
         let sources = packed(&surface, triple, pass.columns());
         let up = 1.0 / pass.tree.half_width(surface.cell);
-        let unit_blocks = unit_blocks(targets, surface.cell, pass.tree);
+        let unit_blocks = unit_blocks(targets, surface.cell, up);
         let mut own = vec![[[0.0; LANES]; N]; unit_blocks.len()];
         add_sums(pass.instructions, &sources, &unit_blocks, &mut own);
         for (sums, own) in sums.iter_mut().zip(&own) {
@@ -278,20 +264,19 @@ fn add_leaf_by_rows<'a>(
     for surface in surfaces {
         let up = 1.0 / pass.tree.half_width(surface.cell);
         let weights = MatRef::from_column_major_slice(&surface.weights, surface.points.len(), columns);
-        let unit_blocks = unit_blocks(targets, surface.cell, pass.tree);
+        let unit_blocks = unit_blocks(targets, surface.cell, up);
         pass.add_products(surface.points, weights, &unit_blocks, up, out.as_mut());
     }
 }
 
-/// Targets relative to the centre of a cell, in units of its half-width.
-pub(super) fn unit_blocks<T: Scalar>(targets: &[[f64; 3]], cell: &TreeCell, tree: &Tree) -> Vec<TargetBlock<T>> {
-    let to_unit = tree.to_unit(cell);
-    let blocks = targets.chunks(LANES);
-    blocks.map(|t| TargetBlock::mapped(t, |&p| to_unit(p))).collect()
+/// Targets relative to the centre of a cell, in units of its half-width, of which `up` is the reciprocal.
+fn unit_blocks(targets: &[[f64; 3]], cell: &TreeCell, up: f64) -> Vec<TargetBlock> {
+    let unit = |t: &[f64; 3]| std::array::from_fn(|axis| (t[axis] - cell.centre[axis]) * up);
+    targets.chunks(LANES).map(|t| TargetBlock::mapped(t, unit)).collect()
 }
 
 /// The points of a surface with the weights of three columns, zero beyond the last.
-pub(super) fn packed(surface: &WeightedSurface, triple: usize, columns: usize) -> Vec<PackedSource> {
+fn packed(surface: &WeightedSurface, triple: usize, columns: usize) -> Vec<PackedSource> {
     let weight = |column: usize, point: usize| {
         let column = 3 * triple + column;
         if column < columns {

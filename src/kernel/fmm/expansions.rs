@@ -12,11 +12,10 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::lists::{GROUP, Lists, Translation};
-use super::operators::{Operators, Translations, blocks};
+use super::operators::{Operators, Translations};
 use super::tree::{Tree, TreeCell};
 use super::weights::PassWeights;
-use crate::kernel::direct::{self, Instructions, LANES, PackedSource, TargetBlock};
-use crate::simd::Scalar;
+use crate::kernel::direct::{self, Instructions, LANES, TargetBlock};
 
 /// What a pass over the tree works with.
 #[derive(Clone, Copy)]
@@ -106,7 +105,7 @@ impl Pass<'_> {
         let mut potentials = vec![0.0; points * self.columns() * leaves.len()];
         for (&leaf, potentials) in leaves.iter().zip(potentials.chunks_mut(points * self.columns())) {
             let cell = self.cell(cells[leaf]);
-            self.add_potential_of(cell.sources.clone(), cell, &self.operators.outer, potentials);
+            self.add_potential_of(cell.sources.clone(), cell, &self.operators.outer_blocks, potentials);
         }
         let found = self.product(self.operators.inverse.as_ref(), &potentials, 1.0);
         for (&leaf, found) in leaves.iter().zip(found.chunks(self.stride())) {
@@ -114,52 +113,34 @@ impl Pass<'_> {
         }
     }
 
-    /// Adds to `out` (points × columns, column after column) the potential of sources at points in units of `cell`.
-    fn add_potential_of(&self, sources: Range<usize>, cell: &TreeCell, points: &[[f64; 3]], out: &mut [f64]) {
-        match self.operators.has_single_sums {
-            true => self.add_potential_in::<f32>(sources, cell, points, out),
-            false => self.add_potential_in::<f64>(sources, cell, points, out),
-        }
-    }
-
-    fn add_potential_in<T: Real>(&self, sources: Range<usize>, cell: &TreeCell, points: &[[f64; 3]], out: &mut [f64]) {
-        let blocks: Vec<TargetBlock<T>> = blocks(points);
-        let add = |out: &mut f64, sum: T| *out += sum.to_f64();
+    /// Adds to `out` (points of `blocks` × columns) the potential of sources in units of `cell`.
+    fn add_potential_of(&self, sources: Range<usize>, cell: &TreeCell, blocks: &[TargetBlock], out: &mut [f64]) {
+        let points = out.len() / self.columns();
+        let up = 1.0 / self.tree.half_width(cell);
         if !self.weights.rows.is_empty() {
-            let positions: Vec<[T; 3]> = self.unit_positions(sources.clone(), cell).collect();
-            let weights = self.weight_rows(sources);
-            let weights = Mat::from_fn(weights.nrows(), weights.ncols(), |i, j| T::from_f64(weights[(i, j)]));
-            let mut sums = vec![T::default(); out.len()];
-            let matrix = MatMut::from_column_major_slice_mut(&mut sums, points.len(), self.columns());
-            let write = |point: &[T; 3], column: &mut [T]| {
-                direct::write_column(self.instructions, *point, T::from_f64(1.0), &blocks, column);
-            };
-            direct::add_products(&positions, weights.as_ref(), T::from_f64(1.0), matrix, write);
-            return out.iter_mut().zip(sums).for_each(|(out, sum)| add(out, sum));
+            let unit = |p: &[f64; 3]| std::array::from_fn(|axis| (p[axis] - cell.centre[axis]) * up);
+            let positions: Vec<_> = self.tree.sources.positions[sources.clone()].iter().map(unit).collect();
+            let out = MatMut::from_column_major_slice_mut(out, points, self.columns());
+            return self.add_products(&positions, self.weight_rows(sources), blocks, 1.0, out);
         }
-        for (packed, out) in self.weights.triples.iter().zip(out.chunks_mut(3 * points.len())) {
-            let local: Vec<PackedSource<T>> = unit_sources(&packed[sources.clone()], self.tree.to_unit(cell)).collect();
-            let mut sums = vec![[[T::default(); LANES]; 3]; blocks.len()];
-            direct::add_potential(self.instructions, &local, &blocks, &mut sums);
-            for (column, out) in out.chunks_mut(points.len()).enumerate() {
+        for (packed, out) in self.weights.triples.iter().zip(out.chunks_mut(3 * points)) {
+            let local: Vec<_> = packed[sources.clone()]
+                .iter()
+                .map(|&[x, y, z, w0, w1, w2]| {
+                    let [cx, cy, cz] = cell.centre;
+                    [(x - cx) * up, (y - cy) * up, (z - cz) * up, w0, w1, w2]
+                })
+                .collect();
+            let mut sums = vec![[[0.0; LANES]; 3]; blocks.len()];
+            direct::add_potential(self.instructions, &local, blocks, &mut sums);
+            for (column, out) in out.chunks_mut(points).enumerate() {
                 for (out, sums) in out.chunks_mut(LANES).zip(&sums) {
-                    for (out, sum) in out.iter_mut().zip(sums[column]) {
-                        add(out, sum);
+                    for (out, sum) in out.iter_mut().zip(&sums[column]) {
+                        *out += sum;
                     }
                 }
             }
         }
-    }
-
-    /// Positions of a range of sources, in units of a cell.
-    pub(super) fn unit_positions<T: Scalar>(
-        &self,
-        sources: Range<usize>,
-        cell: &TreeCell,
-    ) -> impl Iterator<Item = [T; 3]> {
-        let to_unit = self.tree.to_unit(cell);
-        let positions = self.tree.sources.positions[sources].iter();
-        positions.map(move |&p| to_unit(p).map(T::from_f64))
     }
 
     /// The weights of a range of sources, one row each.
@@ -240,7 +221,7 @@ impl Pass<'_> {
             let mut potentials = vec![0.0; self.operators.inner.len() * self.columns()];
             for &leaf in leaves {
                 let sources = self.cell(leaf).sources.clone();
-                self.add_potential_of(sources, cell, &self.operators.inner, &mut potentials);
+                self.add_potential_of(sources, cell, &self.operators.inner_blocks, &mut potentials);
             }
             let found = self.product(self.operators.basis.transpose(), &potentials, 1.0);
             for (entry, found) in expansion.iter_mut().zip(found) {
@@ -334,17 +315,6 @@ impl Pass<'_> {
     }
 }
 
-/// Sources at points that `to_unit` takes to the units of a cell.
-pub(super) fn unit_sources<'a, T: Scalar>(
-    sources: &'a [PackedSource],
-    to_unit: impl Fn([f64; 3]) -> [f64; 3] + 'a,
-) -> impl Iterator<Item = PackedSource<T>> + 'a {
-    sources.iter().map(move |&[x, y, z, w0, w1, w2]| {
-        let [x, y, z] = to_unit([x, y, z]);
-        [x, y, z, w0, w1, w2].map(T::from_f64)
-    })
-}
-
 /// Hands each entry of an expansion, times its sign under a reflection, to `store`.
 #[inline]
 fn reflect<T: Copy + Mul<Output = T>>(from: &[T], signs: &[T], to: &mut [T], store: impl Fn(&mut T, T)) {
@@ -356,8 +326,28 @@ fn reflect<T: Copy + Mul<Output = T>>(from: &[T], signs: &[T], to: &mut [T], sto
     }
 }
 
-/// A precision for sums and translations.
-trait Real: Scalar + ComplexField + Mul<Output = Self> + AddAssign {}
+/// A precision for the translations across the tree.
+trait Real: ComplexField + Copy + Default + Mul<Output = Self> + AddAssign {
+    fn from_f64(value: f64) -> Self;
+    fn to_f64(self) -> f64;
+}
 
-impl Real for f64 {}
-impl Real for f32 {}
+impl Real for f64 {
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
+
+impl Real for f32 {
+    fn from_f64(value: f64) -> Self {
+        value as f32
+    }
+
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}

@@ -23,7 +23,6 @@ mod evaluate;
 mod expansions;
 mod lists;
 mod operators;
-mod single;
 mod tree;
 mod weights;
 

@@ -26,7 +26,6 @@ use nalgebra::DMatrix;
 
 use super::lists::canonical_offsets;
 use crate::kernel::direct::{LANES, TargetBlock};
-use crate::simd::Scalar;
 
 const INNER: f64 = 1.05;
 const OUTER: f64 = 2.95;
@@ -40,21 +39,11 @@ pub(super) struct ExpansionResolution {
     order: usize,
     /// Singular values are kept above this, relative to the first.
     cutoff: f64,
-    /// What is done in single precision.
-    single: SinglePrecision,
+    /// Whether translations between multipole and local expansions are in single precision.
+    single: bool,
 }
 
-/// What is done in single precision.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum SinglePrecision {
-    Nothing,
-    /// Translations between multipole and local expansions.
-    Translations,
-    /// Sums of potentials over points, too.
-    Sums,
-}
-
-const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: SinglePrecision) -> ExpansionResolution {
+const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> ExpansionResolution {
     ExpansionResolution {
         accuracy,
         order,
@@ -83,16 +72,16 @@ const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: SinglePrec
 /// With weights of one sign potentials are ten times as accurate, and gradients, whose terms cancel, up to five times
 /// less accurate. Order 10 is left out: it gained nothing over order 9.
 pub(super) const RESOLUTIONS: [ExpansionResolution; 10] = [
-    resolution(1e-2, 3, 1e-2, SinglePrecision::Sums),
-    resolution(1e-3, 4, 3e-4, SinglePrecision::Sums),
-    resolution(1e-4, 5, 3e-5, SinglePrecision::Sums),
-    resolution(1e-5, 6, 3e-6, SinglePrecision::Translations),
-    resolution(3e-6, 7, 3e-6, SinglePrecision::Translations),
-    resolution(1e-6, 8, 1e-6, SinglePrecision::Translations),
-    resolution(1e-7, 9, 3e-8, SinglePrecision::Nothing),
-    resolution(1e-8, 11, 1e-8, SinglePrecision::Nothing),
-    resolution(1e-9, 12, 1e-9, SinglePrecision::Nothing),
-    resolution(1e-10, 13, 1e-10, SinglePrecision::Nothing),
+    resolution(1e-2, 3, 1e-2, true),
+    resolution(1e-3, 4, 3e-4, true),
+    resolution(1e-4, 5, 3e-5, true),
+    resolution(1e-5, 6, 3e-6, true),
+    resolution(3e-6, 7, 3e-6, true),
+    resolution(1e-6, 8, 1e-6, true),
+    resolution(1e-7, 9, 3e-8, false),
+    resolution(1e-8, 11, 1e-8, false),
+    resolution(1e-9, 12, 1e-9, false),
+    resolution(1e-10, 13, 1e-10, false),
 ];
 
 /// The coarsest resolution that reaches `accuracy`, or the finest there is.
@@ -108,11 +97,11 @@ pub(super) fn resolution_for(accuracy: f64) -> usize {
 pub(super) struct Operators {
     /// Length of an expansion.
     pub(super) rank: usize,
-    /// Whether potentials of points are summed in single precision.
-    pub(super) has_single_sums: bool,
     /// Points of `E` and of `C`.
     pub(super) inner: Vec<[f64; 3]>,
     pub(super) outer: Vec<[f64; 3]>,
+    pub(super) inner_blocks: Vec<TargetBlock>,
+    pub(super) outer_blocks: Vec<TargetBlock>,
     /// `V`.
     pub(super) basis: Mat<f64>,
     /// `S⁻¹ Uᵀ`: from potentials at `C` to a multipole expansion; transposed, from a local expansion to weights at `C`.
@@ -169,10 +158,11 @@ impl Operators {
         });
         Self {
             rank: values.len(),
-            has_single_sums: resolution.single >= SinglePrecision::Sums,
+            inner_blocks: blocks(&inner),
+            outer_blocks: blocks(&outer),
             inverse,
             upward,
-            translations: if resolution.single >= SinglePrecision::Translations {
+            translations: if resolution.single {
                 let single = |m: Mat<f64>| Mat::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] as f32);
                 Translations::Single(translations.map(single).collect())
             } else {
@@ -220,7 +210,7 @@ fn product(left: MatRef<'_, f64>, right: MatRef<'_, f64>) -> Mat<f64> {
     out
 }
 
-pub(super) fn blocks<T: Scalar>(points: &[[f64; 3]]) -> Vec<TargetBlock<T>> {
+pub(super) fn blocks(points: &[[f64; 3]]) -> Vec<TargetBlock> {
     points.chunks(LANES).map(|p| TargetBlock::mapped(p, |p| *p)).collect()
 }
 
