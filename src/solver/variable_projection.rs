@@ -43,7 +43,7 @@ pub struct SeparableSystem<'a> {
     data: Mat<f64>,
     /// Norms of the columns at the start; 1 for a column of zeros.
     scales: Vec<f64>,
-    /// The ridge for columns of norm 1.
+    /// The ridge for sources whose columns have norm 1.
     ridge: f64,
 }
 
