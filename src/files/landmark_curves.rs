@@ -53,10 +53,8 @@ fn curve(line: &str) -> Result<LandmarkCurve, String> {
             })
             .collect::<Result<_, _>>()?;
         match vertices.len() {
-            0 | 1 => Err(format!(
-                "found {} vertices on one side, but a curve has at least two",
-                vertices.len()
-            )),
+            0 => Err("found no vertex on one side, but a curve has at least two".to_string()),
+            1 => Err("found one vertex on one side, but a curve has at least two".to_string()),
             _ => Ok(vertices),
         }
     };

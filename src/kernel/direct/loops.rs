@@ -1,7 +1,7 @@
 //! The inner loops, on scaled coordinates: a lane of a vector is a target, and sources are broadcast one after the
 //! other, so that no sum crosses lanes and neither array needs padding in memory.
 
-use crate::simd::{Computation, Instructions, Simd};
+use crate::simd::{Computation, Instructions, Simd, Vector};
 
 /// Targets of a [`TargetBlock`]: a multiple of every vector width.
 pub(in crate::kernel) const LANES: usize = 16;
@@ -13,20 +13,27 @@ pub(super) const TILE: usize = 512;
 /// Scaled position, then the weights over 4π.
 pub(in crate::kernel) type PackedSource = [f64; 6];
 /// One value for each target of a block.
-pub(in crate::kernel) type BlockValues = [f64; LANES];
+pub(in crate::kernel) type BlockValues<T = f64> = [T; LANES];
+
+/// A source for sums with values of the kernel in single precision.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::kernel) struct SingleSource {
+    pub(in crate::kernel) position: [f32; 3],
+    pub(in crate::kernel) weights: [f64; 3],
+}
 
 /// Scaled coordinates of up to [`LANES`] targets, the last repeated to fill the lanes.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
-pub(in crate::kernel) struct TargetBlock {
-    coordinates: [BlockValues; 3],
+pub(in crate::kernel) struct TargetBlock<T = f64> {
+    coordinates: [BlockValues<T>; 3],
     len: usize,
 }
 
-impl TargetBlock {
+impl<T: Copy + Default> TargetBlock<T> {
     /// A block of one to [`LANES`] targets whose scaled coordinates `map` gives.
-    pub(in crate::kernel) fn mapped<T>(targets: &[T], map: impl Fn(&T) -> [f64; 3]) -> Self {
-        let mut coordinates = [[0.0; LANES]; 3];
+    pub(in crate::kernel) fn mapped<P>(targets: &[P], map: impl Fn(&P) -> [T; 3]) -> Self {
+        let mut coordinates = [[T::default(); LANES]; 3];
         for lane in 0..LANES {
             let target = map(&targets[lane.min(targets.len() - 1)]);
             for axis in 0..3 {
@@ -40,7 +47,7 @@ impl TargetBlock {
     }
 
     #[inline(always)]
-    fn load<V: Simd>(&self, token: V::Token, vector: usize) -> [V; 3] {
+    fn load<V: Vector<T>>(&self, token: V::Token, vector: usize) -> [V; 3] {
         let [x, y, z] = &self.coordinates;
         let first = vector * V::WIDTH;
         [
@@ -59,6 +66,20 @@ pub(in crate::kernel) fn add_potential(
     sums: &mut [[BlockValues; 3]],
 ) {
     instructions.run(PotentialLoop(sources, targets, sums));
+}
+
+/// Adds the same with values of the kernel in single precision, and returns the largest `1/r`. A sum is not finite where
+/// one of these is not.
+///
+/// Weights and sums are in double precision: rounding to single precision would tell apart weights that differ by
+/// rounding, and solvers magnify that.
+pub(in crate::kernel) fn add_potential_in_single(
+    instructions: Instructions,
+    sources: &[SingleSource],
+    targets: &[TargetBlock<f32>],
+    sums: &mut [[BlockValues; 3]],
+) -> f32 {
+    instructions.run(SinglePotentialLoop(sources, targets, sums))
 }
 
 /// Adds the potential of three weights, then `Σ w d_k / r³` with `d = x − y` for weight after weight: the gradient's
@@ -90,6 +111,7 @@ pub(in crate::kernel) fn write_column(
 }
 
 struct PotentialLoop<'a>(&'a [PackedSource], &'a [TargetBlock], &'a mut [[BlockValues; 3]]);
+struct SinglePotentialLoop<'a>(&'a [SingleSource], &'a [TargetBlock<f32>], &'a mut [[BlockValues; 3]]);
 struct GradientLoop<'a>(&'a [PackedSource], &'a [TargetBlock], &'a mut [[BlockValues; 12]]);
 
 impl Computation for PotentialLoop<'_> {
@@ -112,6 +134,26 @@ impl Computation for PotentialLoop<'_> {
                 }
             }
         }
+    }
+}
+
+impl Computation for SinglePotentialLoop<'_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn run<V: Simd>(self, token: V::Token) -> f32 {
+        let Self(sources, targets, sums) = self;
+        let mut largest = V::Single::splat(token, 0.0);
+        for tile in sources.chunks(TILE) {
+            for (block, sums) in targets.iter().zip(&mut *sums) {
+                for vector in 0..block.len.div_ceil(V::Single::WIDTH) {
+                    largest = add_potential_in_single_of::<V>(token, tile, block, vector, sums, largest);
+                }
+            }
+        }
+        let mut lanes = [0.0; LANES];
+        largest.store(&mut lanes);
+        lanes.into_iter().fold(0.0, f32::max)
     }
 }
 
@@ -159,6 +201,42 @@ fn add_potential_of<V: Simd, const VECTORS: usize>(
     for (v, sum) in sum.iter().enumerate() {
         add(token, sum, sums, vector + v);
     }
+}
+
+/// Returns `largest`, or `1/r` where that is larger.
+#[inline(always)]
+fn add_potential_in_single_of<V: Simd>(
+    token: V::Token,
+    sources: &[SingleSource],
+    targets: &TargetBlock<f32>,
+    vector: usize,
+    sums: &mut [BlockValues; 3],
+    mut largest: V::Single,
+) -> V::Single {
+    let x: [V::Single; 3] = targets.load(token, vector);
+    let mut sum = [[V::splat(token, 0.0); 3]; 2];
+    for source in sources {
+        let [sx, sy, sz] = source.position;
+        let position = [
+            V::Single::splat(token, sx),
+            V::Single::splat(token, sy),
+            V::Single::splat(token, sz),
+        ];
+        let g = norm_squared(difference(x, position)).reciprocal_sqrt();
+        largest = g.max(largest);
+        let g = V::widened(g);
+        let [w0, w1, w2] = source.weights;
+        let weights = [V::splat(token, w0), V::splat(token, w1), V::splat(token, w2)];
+        for half in 0..2 {
+            for i in 0..3 {
+                sum[half][i] = weights[i].mul_add(g[half], sum[half][i]);
+            }
+        }
+    }
+    for (half, sum) in sum.iter().enumerate() {
+        add(token, sum, sums, 2 * vector + half);
+    }
+    largest
 }
 
 #[inline(always)]
@@ -238,12 +316,12 @@ fn write_block<V: Simd>(
 }
 
 #[inline(always)]
-fn difference<V: Simd>(x: [V; 3], y: [V; 3]) -> [V; 3] {
+fn difference<T, V: Vector<T>>(x: [V; 3], y: [V; 3]) -> [V; 3] {
     [x[0] - y[0], x[1] - y[1], x[2] - y[2]]
 }
 
 #[inline(always)]
-fn norm_squared<V: Simd>(d: [V; 3]) -> V {
+fn norm_squared<T, V: Vector<T>>(d: [V; 3]) -> V {
     d[2].mul_add(d[2], d[1].mul_add(d[1], d[0] * d[0]))
 }
 

@@ -31,10 +31,16 @@ use crate::{Matrix3, Point};
 
 mod loops;
 mod range;
+mod single;
 
-pub(super) use loops::{BlockValues, LANES, PackedSource, TargetBlock, add_gradient, add_potential, write_column};
+pub(super) use loops::{
+    BlockValues, LANES, PackedSource, SingleSource, TargetBlock, add_gradient, add_potential, add_potential_in_single,
+    write_column,
+};
 pub(super) use range::{PowerOfTwoScale, is_minute};
 use range::{in_range, unlimited_jacobian, unlimited_potential};
+pub(super) use single::add_near_potential_in_single;
+pub(crate) use single::potential_in_single;
 
 /// Points with three weights each, packed for the sums.
 #[derive(Debug, Clone)]

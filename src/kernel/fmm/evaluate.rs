@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::expansions::Pass;
 use super::operators::blocks;
+use super::single;
 use super::tree::TreeCell;
 use crate::kernel::direct::{self, BlockValues, Instructions, LANES, PackedSource, TargetBlock};
 
@@ -40,9 +41,18 @@ pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gra
         if !pass.weights.rows.is_empty() {
             task.run_by_rows(pass, multipoles, &weights);
         } else if with_gradient {
-            task.run_by_triples(pass, multipoles, &weights, direct::add_gradient);
+            task.run_by_triples(pass, &weights, |leaf, triple, weights| {
+                let surfaces = weighted_surfaces(pass, leaf, weights, multipoles);
+                sum_leaf(pass, leaf, triple, surfaces, direct::add_gradient)
+            });
         } else {
-            task.run_by_triples(pass, multipoles, &weights, direct::add_potential);
+            task.run_by_triples(pass, &weights, |leaf, triple, weights| {
+                let surfaces = || weighted_surfaces(pass, leaf, weights, multipoles);
+                let in_single = pass.operators.has_single_sums;
+                let sums = in_single.then(|| single::sum_leaf(pass, leaf, triple, surfaces()));
+                let in_double = || sum_leaf(pass, leaf, triple, surfaces(), direct::add_potential);
+                sums.flatten().unwrap_or_else(in_double)
+            });
         }
         task.failed(pass)
     };
@@ -90,20 +100,19 @@ impl LeafTask<'_> {
         pass.product(pass.operators.inverse.transpose(), &gathered, 1.0)
     }
 
+    /// `sum` gives the sums of three columns at the targets of a leaf with weights on its outer surface.
     fn run_by_triples<const N: usize>(
         &mut self,
         pass: &Pass,
-        multipoles: &[f64],
         weights: &[f64],
-        add_sums: AddSums<N>,
+        sum: impl Fn(usize, usize, &[f64]) -> Vec<[BlockValues; N]>,
     ) {
         let outer = pass.operators.outer.len() * pass.columns();
         let mut done = 0;
         for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
             let len = pass.lists.leaves[leaf].targets.len();
             for triple in 0..pass.weights.triples.len() {
-                let surfaces = weighted_surfaces(pass, leaf, weights, multipoles);
-                let sums = sum_leaf(pass, leaf, triple, surfaces, add_sums);
+                let sums = sum(leaf, triple, weights);
                 self.store(pass, done, len, triple, &sums);
             }
             done += len;
@@ -177,10 +186,10 @@ impl LeafTask<'_> {
 }
 
 /// Points of a surface about a cell, with weights column after column.
-struct WeightedSurface<'a> {
-    cell: &'a TreeCell,
-    points: &'a [[f64; 3]],
-    weights: Cow<'a, [f64]>,
+pub(super) struct WeightedSurface<'a> {
+    pub(super) cell: &'a TreeCell,
+    pub(super) points: &'a [[f64; 3]],
+    pub(super) weights: Cow<'a, [f64]>,
 }
 
 /// The surfaces that stand for the sources that are not near a leaf: that of its local expansion, and those of the
@@ -225,7 +234,7 @@ fn sum_leaf<'a, const N: usize>(
     for surface in surfaces {
         let sources = packed(&surface, triple, pass.columns());
         let up = 1.0 / pass.tree.half_width(surface.cell);
-        let unit_blocks = unit_blocks(targets, surface.cell, up);
+        let unit_blocks = unit_blocks(targets, pass.tree.to_unit(surface.cell));
         let mut own = vec![[[0.0; LANES]; N]; unit_blocks.len()];
         add_sums(pass.instructions, &sources, &unit_blocks, &mut own);
         for (sums, own) in sums.iter_mut().zip(&own) {
@@ -264,19 +273,22 @@ fn add_leaf_by_rows<'a>(
     for surface in surfaces {
         let up = 1.0 / pass.tree.half_width(surface.cell);
         let weights = MatRef::from_column_major_slice(&surface.weights, surface.points.len(), columns);
-        let unit_blocks = unit_blocks(targets, surface.cell, up);
+        let unit_blocks = unit_blocks(targets, pass.tree.to_unit(surface.cell));
         pass.add_products(surface.points, weights, &unit_blocks, up, out.as_mut());
     }
 }
 
-/// Targets relative to the centre of a cell, in units of its half-width, of which `up` is the reciprocal.
-fn unit_blocks(targets: &[[f64; 3]], cell: &TreeCell, up: f64) -> Vec<TargetBlock> {
-    let unit = |t: &[f64; 3]| std::array::from_fn(|axis| (t[axis] - cell.centre[axis]) * up);
-    targets.chunks(LANES).map(|t| TargetBlock::mapped(t, unit)).collect()
+/// Targets that `to_unit` takes to the units of a cell.
+pub(super) fn unit_blocks<T: Copy + Default>(
+    targets: &[[f64; 3]],
+    to_unit: impl Fn([f64; 3]) -> [T; 3],
+) -> Vec<TargetBlock<T>> {
+    let blocks = targets.chunks(LANES);
+    blocks.map(|t| TargetBlock::mapped(t, |&p| to_unit(p))).collect()
 }
 
 /// The points of a surface with the weights of three columns, zero beyond the last.
-fn packed(surface: &WeightedSurface, triple: usize, columns: usize) -> Vec<PackedSource> {
+pub(super) fn packed(surface: &WeightedSurface, triple: usize, columns: usize) -> Vec<PackedSource> {
     let weight = |column: usize, point: usize| {
         let column = 3 * triple + column;
         if column < columns {

@@ -12,10 +12,11 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::lists::{GROUP, Lists, Translation};
-use super::operators::{Operators, Translations};
+use super::operators::{Operators, SurfaceBlocks, Translations};
+use super::single::unit_sources;
 use super::tree::{Tree, TreeCell};
 use super::weights::PassWeights;
-use crate::kernel::direct::{self, Instructions, LANES, TargetBlock};
+use crate::kernel::direct::{self, Instructions, LANES, SingleSource, TargetBlock};
 
 /// What a pass over the tree works with.
 #[derive(Clone, Copy)]
@@ -114,25 +115,29 @@ impl Pass<'_> {
     }
 
     /// Adds to `out` (points of `blocks` × columns) the potential of sources in units of `cell`.
-    fn add_potential_of(&self, sources: Range<usize>, cell: &TreeCell, blocks: &[TargetBlock], out: &mut [f64]) {
+    fn add_potential_of(&self, sources: Range<usize>, cell: &TreeCell, blocks: &SurfaceBlocks, out: &mut [f64]) {
         let points = out.len() / self.columns();
-        let up = 1.0 / self.tree.half_width(cell);
+        let to_unit = self.tree.to_unit(cell);
         if !self.weights.rows.is_empty() {
-            let unit = |p: &[f64; 3]| std::array::from_fn(|axis| (p[axis] - cell.centre[axis]) * up);
-            let positions: Vec<_> = self.tree.sources.positions[sources.clone()].iter().map(unit).collect();
+            let positions = self.tree.sources.positions[sources.clone()].iter();
+            let positions: Vec<_> = positions.map(|&p| to_unit(p)).collect();
             let out = MatMut::from_column_major_slice_mut(out, points, self.columns());
-            return self.add_products(&positions, self.weight_rows(sources), blocks, 1.0, out);
+            return self.add_products(&positions, self.weight_rows(sources), &blocks.double, 1.0, out);
         }
         for (packed, out) in self.weights.triples.iter().zip(out.chunks_mut(3 * points)) {
-            let local: Vec<_> = packed[sources.clone()]
-                .iter()
-                .map(|&[x, y, z, w0, w1, w2]| {
-                    let [cx, cy, cz] = cell.centre;
-                    [(x - cx) * up, (y - cy) * up, (z - cz) * up, w0, w1, w2]
-                })
-                .collect();
-            let mut sums = vec![[[0.0; LANES]; 3]; blocks.len()];
-            direct::add_potential(self.instructions, &local, blocks, &mut sums);
+            let packed = &packed[sources.clone()];
+            let mut sums = vec![[[0.0; LANES]; 3]; blocks.double.len()];
+            if self.operators.has_single_sums {
+                let local: Vec<SingleSource> = unit_sources(packed, &to_unit).collect();
+                direct::add_potential_in_single(self.instructions, &local, &blocks.single, &mut sums);
+            } else {
+                let local = packed.iter().map(|&[x, y, z, w0, w1, w2]| {
+                    let [x, y, z] = to_unit([x, y, z]);
+                    [x, y, z, w0, w1, w2]
+                });
+                let local: Vec<_> = local.collect();
+                direct::add_potential(self.instructions, &local, &blocks.double, &mut sums);
+            }
             for (column, out) in out.chunks_mut(points).enumerate() {
                 for (out, sums) in out.chunks_mut(LANES).zip(&sums) {
                     for (out, sum) in out.iter_mut().zip(&sums[column]) {

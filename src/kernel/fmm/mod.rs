@@ -23,6 +23,7 @@ mod evaluate;
 mod expansions;
 mod lists;
 mod operators;
+mod single;
 mod tree;
 mod weights;
 

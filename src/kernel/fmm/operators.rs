@@ -39,11 +39,20 @@ pub(super) struct ExpansionResolution {
     order: usize,
     /// Singular values are kept above this, relative to the first.
     cutoff: f64,
-    /// Whether translations between multipole and local expansions are in single precision.
-    single: bool,
+    /// What is calculated in single precision.
+    single: SinglePrecision,
 }
 
-const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> ExpansionResolution {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum SinglePrecision {
+    Nothing,
+    /// Translations between multipole and local expansions.
+    Translations,
+    /// The kernel between points in sums of potentials, too.
+    Kernel,
+}
+
+const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: SinglePrecision) -> ExpansionResolution {
     ExpansionResolution {
         accuracy,
         order,
@@ -72,16 +81,16 @@ const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> E
 /// With weights of one sign potentials are ten times as accurate, and gradients, whose terms cancel, up to five times
 /// less accurate. Order 10 is left out: it gained nothing over order 9.
 pub(super) const RESOLUTIONS: [ExpansionResolution; 10] = [
-    resolution(1e-2, 3, 1e-2, true),
-    resolution(1e-3, 4, 3e-4, true),
-    resolution(1e-4, 5, 3e-5, true),
-    resolution(1e-5, 6, 3e-6, true),
-    resolution(3e-6, 7, 3e-6, true),
-    resolution(1e-6, 8, 1e-6, true),
-    resolution(1e-7, 9, 3e-8, false),
-    resolution(1e-8, 11, 1e-8, false),
-    resolution(1e-9, 12, 1e-9, false),
-    resolution(1e-10, 13, 1e-10, false),
+    resolution(1e-2, 3, 1e-2, SinglePrecision::Kernel),
+    resolution(1e-3, 4, 3e-4, SinglePrecision::Kernel),
+    resolution(1e-4, 5, 3e-5, SinglePrecision::Kernel),
+    resolution(1e-5, 6, 3e-6, SinglePrecision::Translations),
+    resolution(3e-6, 7, 3e-6, SinglePrecision::Translations),
+    resolution(1e-6, 8, 1e-6, SinglePrecision::Translations),
+    resolution(1e-7, 9, 3e-8, SinglePrecision::Nothing),
+    resolution(1e-8, 11, 1e-8, SinglePrecision::Nothing),
+    resolution(1e-9, 12, 1e-9, SinglePrecision::Nothing),
+    resolution(1e-10, 13, 1e-10, SinglePrecision::Nothing),
 ];
 
 /// The coarsest resolution that reaches `accuracy`, or the finest there is.
@@ -97,11 +106,13 @@ pub(super) fn resolution_for(accuracy: f64) -> usize {
 pub(super) struct Operators {
     /// Length of an expansion.
     pub(super) rank: usize,
+    /// Whether the kernel between points is in single precision where potentials are summed.
+    pub(super) has_single_sums: bool,
     /// Points of `E` and of `C`.
     pub(super) inner: Vec<[f64; 3]>,
     pub(super) outer: Vec<[f64; 3]>,
-    pub(super) inner_blocks: Vec<TargetBlock>,
-    pub(super) outer_blocks: Vec<TargetBlock>,
+    pub(super) inner_blocks: SurfaceBlocks,
+    pub(super) outer_blocks: SurfaceBlocks,
     /// `V`.
     pub(super) basis: Mat<f64>,
     /// `S⁻¹ Uᵀ`: from potentials at `C` to a multipole expansion; transposed, from a local expansion to weights at `C`.
@@ -158,11 +169,12 @@ impl Operators {
         });
         Self {
             rank: values.len(),
-            inner_blocks: blocks(&inner),
-            outer_blocks: blocks(&outer),
+            has_single_sums: resolution.single >= SinglePrecision::Kernel,
+            inner_blocks: SurfaceBlocks::new(&inner),
+            outer_blocks: SurfaceBlocks::new(&outer),
             inverse,
             upward,
-            translations: if resolution.single {
+            translations: if resolution.single >= SinglePrecision::Translations {
                 let single = |m: Mat<f64>| Mat::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] as f32);
                 Translations::Single(translations.map(single).collect())
             } else {
@@ -208,6 +220,23 @@ fn product(left: MatRef<'_, f64>, right: MatRef<'_, f64>) -> Mat<f64> {
     let mut out = Mat::zeros(left.nrows(), right.ncols());
     matmul(out.as_mut(), Accum::Replace, left, right, 1.0, Par::Seq);
     out
+}
+
+/// The points of a surface as targets.
+#[derive(Debug)]
+pub(super) struct SurfaceBlocks {
+    pub(super) double: Vec<TargetBlock>,
+    pub(super) single: Vec<TargetBlock<f32>>,
+}
+
+impl SurfaceBlocks {
+    fn new(points: &[[f64; 3]]) -> Self {
+        let single = |p: &[f64; 3]| p.map(|c| c as f32);
+        Self {
+            double: blocks(points),
+            single: points.chunks(LANES).map(|p| TargetBlock::mapped(p, single)).collect(),
+        }
+    }
 }
 
 pub(super) fn blocks(points: &[[f64; 3]]) -> Vec<TargetBlock> {

@@ -5,6 +5,7 @@
 //! multiple of a coarse quantum, so that the centre of every cell is exact in floating point and a point's offset from
 //! it is rounded once only.
 
+use std::array::from_fn;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -108,6 +109,18 @@ impl Tree {
     pub(super) fn half_width(&self, cell: &TreeCell) -> f64 {
         // Exact, and levels are fewer than the exponents of f64.
         self.root_half_width * 0.5f64.powi(cell.level as i32)
+    }
+
+    /// From a point to the same one relative to the centre of a cell, in units of its half-width.
+    pub(super) fn to_unit(&self, cell: &TreeCell) -> impl Fn([f64; 3]) -> [f64; 3] + use<> {
+        let (centre, up) = (cell.centre, 1.0 / self.half_width(cell));
+        move |p| from_fn(|axis| (p[axis] - centre[axis]) * up)
+    }
+
+    /// The inverse of [`Self::to_unit`].
+    pub(super) fn to_absolute(&self, cell: &TreeCell) -> impl Fn([f64; 3]) -> [f64; 3] + use<> {
+        let (centre, half_width) = (cell.centre, self.half_width(cell));
+        move |p| from_fn(|axis| centre[axis] + half_width * p[axis])
     }
 
     fn divide(&mut self, full: &[usize]) {
