@@ -54,7 +54,7 @@ fn curve(line: &str) -> Result<LandmarkCurve, String> {
             .collect::<Result<_, _>>()?;
         match vertices.len() {
             0 => Err("found no vertex on one side, but a curve has at least two".to_string()),
-            1 => Err("found one vertex on one side, but a curve has at least two".to_string()),
+            1 => Err("found 1 vertex on one side, but a curve has at least two".to_string()),
             _ => Ok(vertices),
         }
     };
@@ -93,7 +93,8 @@ mod tests {
         for (content, expected) in [
             (&b"0 1 > 2 3\n4 5\n"[..], "line 2: found no single `>`"),
             (b"0 1 > 2 > 3", "line 1: found no single `>`"),
-            (b"0 > 1 2", "line 1: found 1 vertices"),
+            (b"0 > 1 2", "line 1: found 1 vertex on"),
+            (b"0 1 >", "line 1: found no vertex on"),
             (b"0 x > 1 2", "line 1: found `x`"),
             (b"0 -1 > 1 2", "line 1: found `-1`"),
             (b"# nothing\n", "found no curve"),
