@@ -268,8 +268,8 @@ fn first<T: Copy + Default>(memory: &mut Vec<T>, len: usize) -> &mut [T] {
 /// The last `core` columns of `(AᵀA)⁻¹` for a matrix with columns of norm one.
 ///
 /// The normal matrix, most of the work, is summed in single precision, in half the time. It is factored in double precision:
-/// where sources are dense along creases, factors in single precision make fits take a tenth more sources, though elsewhere
-/// they take up to a fifth less time.
+/// with factors in single precision fits took up to a fifth less time, but that of an L, with sources dense along its creases,
+/// a tenth more sources.
 fn core_inverse(matrix: MatRef<'_, f32>, core: usize, normal: &mut Vec<f32>, factor: &mut Vec<f64>) -> Mat<f32> {
     let n = matrix.ncols();
     let mut normal = MatMut::from_column_major_slice_mut(first(normal, n * n), n, n);

@@ -128,6 +128,7 @@ impl Pass<'_> {
             let packed = &packed[sources.clone()];
             let mut sums = vec![[[0.0; LANES]; 3]; blocks.double.len()];
             if self.operators.has_single_sums {
+                // Nothing here is close: the surface is more than a half-width from all these sources.
                 let local: Vec<SingleSource> = unit_sources(packed, &to_unit).collect();
                 direct::add_potential_in_single(self.instructions, &local, &blocks.single, &mut sums);
             } else {
