@@ -76,6 +76,19 @@ fn a_turned_and_bent_plate_is_mapped_to_where_its_points_are() {
     assert!(composition.round_trip.max < 1e-9);
 }
 
+/// A plate that is another shape seen in a mirror: turning it over does not bring it back.
+#[test]
+fn a_mirror_image_is_named() {
+    let chiral = |p: &Point| Point::new(p.x, p.y, p.z + 0.15 * p.x * p.x + 0.1 * p.x * p.y);
+    let domain = shapes::deformed(&uneven(3), chiral);
+    let mirrored = shapes::deformed(&domain, |p| Point::new(p.x, p.y, -p.z)).reversed();
+    for (target, is_mirrored) in [(domain.clone(), false), (mirrored, true)] {
+        let (_, report) = pair(&domain, &target);
+        let warned = report.warnings.iter().any(|warning| warning.contains("mirror image"));
+        assert_eq!(warned, is_mirrored, "{:?}", report.warnings);
+    }
+}
+
 #[test]
 fn alternatives_are_bijections_and_options_without_meaning_are_refused() {
     let domain = plate(2, 2);

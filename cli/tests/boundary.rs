@@ -288,6 +288,34 @@ fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
     assert!(!place.path("image.obj").exists());
 }
 
+/// A bar, and the same bent to a ring whose ends pass through each other.
+#[test]
+fn models_that_intersect_themselves_are_named() {
+    let place = Workplace::new();
+    let bar = shapes::polycube(&(0..8).map(|i| [i, 0, 0]).collect::<Vec<_>>(), 2);
+    let bent = shapes::deformed(&bar, |p| {
+        let (angle, radius) = (7.0 * p.x / 8.0, 1.2 + p.y);
+        Point::new(radius * angle.sin(), radius * angle.cos(), p.z + 0.02 * p.x)
+    });
+    place.surface("bar.obj", &bar);
+    assert!(bent.volume() > 0.0, "not inside out");
+    place.surface("bent.obj", &bent);
+    for (line, name) in [
+        ("boundary pair bar.obj bent.obj -o image.obj --json", "bent.obj"),
+        ("boundary pair bent.obj bar.obj -o image.obj --json", "bent.obj"),
+        ("fit bar.obj --target bent.obj -o x.map --json --no-refine", "bent.obj"),
+    ] {
+        let output = place.run(&format!("{line} --max-stretched 1"));
+        let said = text(&output.stderr);
+        let count = said.lines().filter(|line| line.contains("intersects itself")).count();
+        assert_eq!(count, usize::from(cfg!(feature = "native")), "{line}: {said}");
+        assert!(
+            count == 0 || said.contains(&format!("`{name}` intersects itself")),
+            "{said}"
+        );
+    }
+}
+
 #[test]
 fn a_ring_is_mapped_to_a_torus_of_revolution_and_fitted() {
     let place = Workplace::new();

@@ -156,6 +156,25 @@ def test_shells_are_mapped_one_by_one(ball, tmp_path):
         solidmap.boundary.pair(hollow, ball)
 
 
+def test_solids_with_two_handles_are_mapped_and_fitted(tmp_path):
+    cubes = [[i, j, 0] for i in range(5) for j in range(3) if not (i % 2 == 1 and j == 1)]
+    plain = solidmap.shapes.polycube(cubes, 2)
+    x, y, z = plain.points.T
+    plate = (np.column_stack([x + 0.08 * x * x, y + 0.15 * y * y, z * (1 + 0.1 * x)]), plain.faces)
+    turned = (plate[0] @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).T, plate[1])
+    pair = solidmap.boundary.pair(plate, turned)
+    assert pair.report.hyperbolic["genus"] == 2 and "hyperbolic surface" in str(pair.report)
+    # As far off as vertices of so coarse a mesh may slide: 2 % of the diagonal of some 7.
+    assert np.linalg.norm(pair.images - turned[0], axis=1).mean() < 0.14
+    assert solidmap.boundary.check(pair).verdict == "bijective"
+    pair.save(tmp_path / "plate.safetensors")
+    again = solidmap.BoundaryMap.load(tmp_path / "plate.safetensors")
+    assert np.array_equal(again.images, pair.images)
+    assert np.allclose(pair.inverse().inverse().images, pair.images)
+    fitted = solidmap.fit(boundary=pair, tolerance=1e-2)
+    assert np.abs(fitted(plate[0]) - pair.images).max() < 0.2
+
+
 def test_loops_decide_how_a_handle_is_twisted(tmp_path):
     ring = solidmap.shapes.torus(1.0, 0.4, 24, 12)
     straight = [12 * k for k in range(24)]

@@ -1,4 +1,4 @@
-//! Self-intersections of a domain, where the build has CGAL to look for them.
+//! Self-intersections of a solid, where the build has CGAL to look for them.
 
 use crate::check::FindSelfIntersections;
 use crate::mesh::SurfaceMesh;
@@ -15,17 +15,17 @@ pub fn self_intersection_finder() -> Option<FindSelfIntersections<'static>> {
     None
 }
 
-/// A warning when a domain, called `name`, intersects itself: its boundary is fitted all the same, but the inside is not
+/// A warning when a solid, called `name`, intersects itself: its boundary is mapped all the same, but the inside is not
 /// defined there. `None` also in a build that cannot look for it.
-pub fn self_intersection_warning(domain: &SurfaceMesh, name: &str) -> Option<String> {
-    match self_intersection_finder()?(domain) {
+pub fn self_intersection_warning(solid: &SurfaceMesh, name: &str) -> Option<String> {
+    match self_intersection_finder()?(solid) {
         Ok(pairs) => pairs.first().map(|[a, b]| {
             let count = match pairs.len() {
                 1 => "1 pair".into(),
                 count => format!("{count} pairs"),
             };
             format!(
-                "`{name}` intersects itself: {count} of triangles, the first {a} and {b}; the map is wrong there. See \
+                "`{name}` intersects itself: {count} of triangles, the first {a} and {b}; maps of its inside are wrong there. See \
                  `solidmap check`"
             )
         }),

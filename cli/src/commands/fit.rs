@@ -8,10 +8,7 @@ use solidmap::bijective::{Bijective, RefinementOptions};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::PairMaps;
 use solidmap::files::{self, MapFile, MapMetadata};
-use solidmap::fit::{
-    FitOptions, FitReport, FreeSourcesEnd, FreeSourcesReport, LocalError, Placement, RefinementEnd,
-    self_intersection_warning,
-};
+use solidmap::fit::{FitOptions, FitReport, FreeSourcesEnd, FreeSourcesReport, LocalError, Placement, RefinementEnd};
 use solidmap::io;
 use solidmap::map::HarmonicMap;
 use solidmap::remesh::DEFAULT_EFFORT;
@@ -183,8 +180,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let (boundary, looks_right) = source.boundary_map(output)?;
     let inputs: anyhow::Result<_> = files.iter().map(|(role, path)| input::provenance(role, path)).collect();
     let inputs = inputs?;
-    output.progress("looking for self-intersections");
-    let intersections = self_intersection_warning(boundary.domain(), &name.display().to_string());
+    let intersections = boundary_map::self_intersections(boundary.domain(), name, output);
     let mut fit = fit_in_time(&boundary, &options, output).with_context(cannot_map)?;
     fit.report
         .warnings

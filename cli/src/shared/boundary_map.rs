@@ -10,6 +10,7 @@ use solidmap::boundary_map::pair::{
     fitting_torus, map_pair_with_alternatives,
 };
 use solidmap::files;
+use solidmap::fit::self_intersection_warning;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::spherical::{SphereOptions, SpherePhase, SphereReport, SphericalEmbedding, map_to_sphere};
 
@@ -96,9 +97,10 @@ pub fn to_model(
         improve: !args.no_improve,
         ..PairOptions::default()
     };
+    let intersections = self_intersections(&target, files[1], output);
     let names = [format!("`{}`", files[0].display()), format!("`{}`", files[1].display())];
     let made = paired(domain, &target, &options, &names, share, output);
-    let made = made.map_err(|error| {
+    let mut made = made.map_err(|error| {
         let file = match error.downcast_ref() {
             Some(PairError::Curves(_)) => &args.landmark_curves,
             Some(PairError::Loops(_)) => &args.loops,
@@ -110,9 +112,16 @@ pub fn to_model(
             None => error,
         }
     })?;
+    made.report.warnings.extend(intersections);
     made.report.warnings.iter().for_each(|warning| output.warn(warning));
     warn_of_looks(&made.report, output);
     Ok(made)
+}
+
+/// A warning of a model that intersects itself, which no map of its boundary shows.
+pub fn self_intersections(surface: &SurfaceMesh, model: &Path, output: &Output) -> Option<String> {
+    output.progress("looking for self-intersections");
+    self_intersection_warning(surface, &model.display().to_string())
 }
 
 /// The map of a model to the torus of revolution that fits it best, and that torus.

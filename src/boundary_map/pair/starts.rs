@@ -114,7 +114,7 @@ pub(super) struct ShapeMatches {
 pub(super) struct PairAlignments {
     pub all: Vec<(PairStartKind, ClosestPoints)>,
     /// About the pair.
-    warnings: Vec<String>,
+    pub warnings: Vec<String>,
 }
 
 /// All starts of a pair, and what was found beside.

@@ -41,11 +41,14 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
     output.progress("reading");
     let domain = input::read_surface(&args.domain)?;
     let models = [args.domain.as_path(), args.target.as_path()];
+    let intersections = boundary_map::self_intersections(&domain, &args.domain, output);
     let PairMaps {
         map,
-        report,
+        mut report,
         alternatives,
     } = boundary_map::to_model(&domain, models, &args.pair, args.alternatives, 1.0, output)?;
+    intersections.iter().for_each(|warning| output.warn(warning));
+    report.warnings.extend(intersections);
     output.progress("writing");
     let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
     read.extend(files);

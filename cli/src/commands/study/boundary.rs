@@ -9,7 +9,7 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::compare::outward;
 use solidmap::energy::{EnergyOptions, densities};
 use solidmap::files::Provenance;
-use solidmap::fit::{FitOptions, self_intersection_warning};
+use solidmap::fit::FitOptions;
 use solidmap::geometry::PlaneSection;
 use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
@@ -24,6 +24,7 @@ use super::table::StudyTable;
 use crate::CommandOutcome;
 use crate::args::StudyBoundaryArgs;
 use crate::drawing::{Align, Figure, Scale, Table, ValueRange, significant};
+use crate::shared::boundary_map::self_intersections;
 use crate::shared::fitting::fit_options;
 use crate::shared::input::{self, BoundarySource};
 use crate::shared::json::{FileName, file_name};
@@ -121,8 +122,7 @@ pub fn run(args: &StudyBoundaryArgs, output: &Output) -> anyhow::Result<CommandO
         );
     }
     let domain = first.boundary.domain();
-    output.progress("looking for self-intersections");
-    let warning = self_intersection_warning(domain, &first.source.domain().display().to_string());
+    let warning = self_intersections(domain, first.source.domain(), output);
     warning.iter().for_each(|warning| output.warn_of_fit(warning));
     let is_pictured = args.outputs.png.is_some() || args.outputs.html.is_some();
     let section = is_pictured.then(|| largest_section(&args.section, domain, SECTION_PIXELS));

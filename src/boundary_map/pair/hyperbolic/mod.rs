@@ -14,7 +14,7 @@ mod lifting;
 
 use rayon::prelude::*;
 
-use super::starts::ClosestPoints;
+use super::starts::{ClosestPoints, PairAlignments};
 use super::torus::search::{COARSE_SOFTNESS, FINE_SOFTNESS};
 use super::{
     HyperbolicReport, LoopError, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport,
@@ -142,14 +142,22 @@ impl PairMapping<'_> {
             target: HyperbolicTarget::new(embedding),
         };
         let laid = self.elapsed();
-        let alignments = self.alignments_of_solids()?;
+        let PairAlignments {
+            all: alignments,
+            mut warnings,
+        } = self.alignments_of_solids()?;
+        // Whoever gives loops has said what goes where.
+        if !self.loops.is_empty() {
+            warnings.clear();
+        }
         let aligned = self.elapsed();
 
         let Candidates {
             mut ranked,
             unmapped,
-            warnings,
+            warnings: of_homology,
         } = self.candidates(&search, &alignments, genus)?;
+        warnings.extend(of_homology);
         let compared = self.elapsed();
         if ranked.is_empty() {
             let tried = alignments.len();
@@ -234,12 +242,11 @@ impl PairMapping<'_> {
         })
     }
 
-    /// Alignments of the solids, also once the domain is deformed so that its loops come to their partners.
-    fn alignments_of_solids(&self) -> Result<Vec<(PairStartKind, ClosestPoints)>, PairError> {
+    fn alignments_of_solids(&self) -> Result<PairAlignments, PairError> {
         if !self.options.aligned {
             self.report(PairPhase::Aligning { done: 0, of: 0 })?;
         }
-        Ok(self.alignments()?.all)
+        self.alignments()
     }
 
     /// Layouts of the domain by loops, and by the closest points of each alignment.

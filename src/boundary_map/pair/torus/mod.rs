@@ -3,7 +3,8 @@
 //! 1. Both surfaces are laid out on tori, such that loops that bound a disk in the solid run along the first side.
 //! 2. Classes of maps and translations are compared on coarse meshes, the best of them after optimisation ([`search`]).
 //! 3. The best layout of the domain is refined, and at every level optimised for low distortion of the map from surface to
-//!    surface ([`energy`], [`sweep`](crate::boundary_map::sweep)); so is that of another class if it is nearly as good, and the complete maps decide.
+//!    surface ([`energy`], [`sweep`](crate::boundary_map::sweep)). Another class that is nearly as good is refined as far as
+//!    [`RIVAL_VERTICES`], where the better one is taken.
 //!
 //! No step inverts a triangle in the plane.
 
@@ -34,8 +35,9 @@ const AS_GOOD_COARSE: f64 = 1.25;
 const MOST_COMPARED: usize = 3;
 /// Maps the other way are sought, too, when the least energy is above this.
 const HARD: f64 = 2.0;
-/// The best map of another class is completed, too, when its energy is at most this times the least.
+/// The best map of another class is compared once more when its energy is at most this times the least, with this many vertices.
 const AS_GOOD_COMPARED: f64 = 1.15;
+const RIVAL_VERTICES: usize = 2400;
 /// Rounds at the end, and the relative decrease of the energy below which one is the last.
 const LAST_ROUNDS: usize = 6;
 const LEAST_DECREASE: f64 = 3e-3;
@@ -142,16 +144,18 @@ impl PairMapping<'_> {
             }
         }
         let coarse_embeddings = classes.len();
-        let completed = match self.options.improve {
-            true => self.completed_best_on_torus(search, &mut classes)?,
-            false => vec![],
-        };
+        if self.options.improve {
+            self.compare_rivals(search, &mut classes)?;
+        }
         let (best, others) = classes.split_first().ok_or(PairError::NoEmbedding)?;
         let before = search
             .domain
             .fine
             .mapped(&search.target.periods, best.layout.map, best.by);
-        let after = completed.first().unwrap_or(&before).clone();
+        let after = match self.options.improve {
+            true => self.completed_on_torus(search, best)?,
+            false => before.clone(),
+        };
         let improved = self.elapsed();
         let through = |layout: &PartialLayout| self.through_torus(search, is_reversed, layout);
         let (map, distortions, stretch) = self.measured_on_torus(through, &before, &after)?;
@@ -167,11 +171,8 @@ impl PairMapping<'_> {
         }
         let diagonal = search.target.diagonal();
         let mut alternatives = Vec::new();
-        for (i, other) in others.iter().enumerate().take(self.options.alternatives) {
-            alternatives.push(match completed.get(i + 1) {
-                Some(layout) => through(layout)?,
-                None => through(&self.completed_on_torus(search, other)?)?,
-            });
+        for other in others.iter().take(self.options.alternatives) {
+            alternatives.push(through(&self.completed_on_torus(search, other)?)?);
         }
         let report = PairReport {
             coarse_embeddings,
@@ -287,47 +288,35 @@ impl PairMapping<'_> {
         Ok(ranked)
     }
 
-    /// The layouts of the best candidate and, if it is nearly as good, the next with the rest of the vertices. The better one
-    /// comes first, here and among the candidates.
-    fn completed_best_on_torus(
-        &self,
-        search: &Search,
-        classes: &mut [Candidate],
-    ) -> Result<Vec<PartialLayout>, PairError> {
-        let is_rival = |best, other: &Candidate| other.energy_ratio(best) <= AS_GOOD_COMPARED;
-        let count = match &*classes {
-            [] => return Err(PairError::NoEmbedding),
-            [best, other, ..] if self.reporter.should_improve() && is_rival(best, other) => 2,
-            _ => 1,
+    /// Refines the best of each class further if the second is nearly as good. The better one comes first.
+    fn compare_rivals(&self, search: &Search, classes: &mut [Candidate]) -> Result<(), PairError> {
+        let [best, other, ..] = &*classes else {
+            return Ok(());
         };
-        let complete = |candidate: &mut Candidate| -> Result<PartialLayout, PairError> {
-            let layout = self.completed_on_torus(search, candidate)?;
-            let points = search.domain.torus.surface().vertices();
-            candidate.set_energy(Stage::Complete, compared_energy(&layout, search.target, points));
-            Ok(layout)
+        if !self.reporter.should_improve() || other.energy_ratio(best) > AS_GOOD_COMPARED {
+            return Ok(());
+        }
+        let points = search.domain.torus.surface().vertices();
+        let refine = |candidate: &mut Candidate| -> Result<(), PairError> {
+            self.refined_on_torus(search, &mut candidate.layout, RIVAL_VERTICES)?;
+            let energy = compared_energy(&candidate.layout, search.target, points);
+            candidate.set_energy(Stage::Refined, energy);
+            Ok(())
         };
-        let made = classes[..count].par_iter_mut().map(complete).collect::<Vec<_>>();
-        let mut made = made.into_iter();
-        let first = made.next().ok_or(PairError::NoEmbedding)??;
-        let Some(Ok(second)) = made.next() else {
-            return Ok(vec![first]);
-        };
+        classes[..2].par_iter_mut().try_for_each(refine)?;
         if classes[1].energy() < classes[0].energy() {
             classes.swap(0, 1);
-            return Ok(vec![second, first]);
         }
-        Ok(vec![first, second])
+        Ok(())
     }
 
-    /// A candidate with the rest of the vertices, and its distortion lowered.
-    fn completed_on_torus(&self, search: &Search, coarse: &Candidate) -> Result<PartialLayout, PairError> {
-        let Search { domain, target, .. } = search;
-        let points = domain.torus.surface().vertices();
-        let mut layout = coarse.layout.clone();
-        let refined = layout.refine(&domain.torus, usize::MAX, |layout| {
+    /// Inserts vertices until there are `enough`, and lowers the distortion at every level.
+    fn refined_on_torus(&self, search: &Search, layout: &mut PartialLayout, enough: usize) -> Result<(), PairError> {
+        let points = search.domain.torus.surface().vertices();
+        let refined = layout.refine(&search.domain.torus, enough, |layout| {
             let vertices = layout.inserted.len();
             if self.reporter.should_improve() {
-                let energy = optimise(layout, target, points, &effort(vertices));
+                let energy = optimise(layout, search.target, points, &effort(vertices));
                 // A cancellation takes effect at the next level.
                 let _ = self.report(PairPhase::Refining {
                     vertices,
@@ -339,7 +328,14 @@ impl PairMapping<'_> {
         refined.ok_or(PairError::Torus {
             side: "domain",
             error: ToroidalError::TooFine,
-        })?;
+        })
+    }
+
+    /// A candidate with the rest of the vertices, and its distortion lowered.
+    fn completed_on_torus(&self, search: &Search, coarse: &Candidate) -> Result<PartialLayout, PairError> {
+        let points = search.domain.torus.surface().vertices();
+        let mut layout = coarse.layout.clone();
+        self.refined_on_torus(search, &mut layout, usize::MAX)?;
         let last = Effort {
             new_sweeps: 0,
             sweeps: 2,
@@ -356,7 +352,7 @@ impl PairMapping<'_> {
                 rounds: round,
                 most_rounds: LAST_ROUNDS,
             })?;
-            let lowered = optimise(&mut layout, target, points, &last);
+            let lowered = optimise(&mut layout, search.target, points, &last);
             if lowered > (1.0 - LEAST_DECREASE) * energy {
                 break;
             }

@@ -45,7 +45,7 @@ pub(super) struct Candidate {
 pub(super) enum Stage {
     Search,
     Compared,
-    Complete,
+    Refined,
 }
 
 impl Candidate {
