@@ -101,6 +101,16 @@ impl Laid {
     }
 }
 
+/// The map of the best class that a search found, measured.
+struct MadeMap {
+    /// The best of each class, the best class first.
+    classes: Vec<Candidate>,
+    map: BoundaryMap,
+    /// Before and after optimisation.
+    distortions: [SurfaceDistortion; 2],
+    stretch: Stretch,
+}
+
 impl PairMapping<'_> {
     /// The map through a flat torus.
     pub(super) fn by_tori(&self) -> Result<PairMaps, PairError> {
@@ -116,8 +126,7 @@ impl PairMapping<'_> {
             target: &onto_target,
             classes: self.classes([&domain.torus, &target.torus])?,
         };
-        let mut search = &there;
-        let mut ranked = self.searched(search)?;
+        let ranked = self.searched(&there)?;
         // Maps are as good as their inverses, and coarse triangles see more of a plain surface between their samples than of one
         // with thin walls.
         let onto_domain = TargetTorus::new(&domain.embedding, domain.fine.periods);
@@ -126,39 +135,44 @@ impl PairMapping<'_> {
             target: &onto_domain,
             classes: there.classes.inverted(),
         };
-        if ranked.first().is_none_or(|best| best.energy() > HARD) {
-            let others = self.searched(&back)?;
-            let least = |ranked: &[Candidate]| ranked.first().map_or(f64::INFINITY, Candidate::energy);
-            if least(&others) < least(&ranked) {
-                (search, ranked) = (&back, others);
-            }
-        }
-        let is_reversed = std::ptr::eq(search, &back);
-        let compared = self.elapsed();
-
-        // The best of each class.
-        let mut classes: Vec<Candidate> = Vec::new();
-        for candidate in ranked {
-            if classes.iter().all(|kept| kept.layout.map != candidate.layout.map) {
-                classes.push(candidate);
-            }
-        }
-        let coarse_embeddings = classes.len();
-        if self.options.improve {
-            self.compare_rivals(search, &mut classes)?;
-        }
-        let (best, others) = classes.split_first().ok_or(PairError::NoEmbedding)?;
-        let before = search
-            .domain
-            .fine
-            .mapped(&search.target.periods, best.layout.map, best.by);
-        let after = match self.options.improve {
-            true => self.completed_on_torus(search, best)?,
-            false => before.clone(),
+        let least = |ranked: &[Candidate]| ranked.first().map_or(f64::INFINITY, Candidate::energy);
+        let reversed = match least(&ranked) > HARD {
+            true => Some(self.searched(&back)?),
+            false => None,
         };
+        let compared = self.elapsed();
+        let is_back_better = reversed.as_ref().is_some_and(|others| least(others) < least(&ranked));
+        let (first, other) = match (is_back_better, reversed) {
+            (true, Some(reversed)) => ((&back, reversed), (&there, Some(ranked))),
+            (_, reversed) => ((&there, ranked), (&back, reversed)),
+        };
+        let is_reversed = |search: &Search| std::ptr::eq(search, &back);
+        let mut found = self.made_by(first.0, is_reversed(first.0), first.1)?;
+        let mut search = first.0;
         let improved = self.elapsed();
+        // A speck of the domain that covers much of the target is hardly seen from there, and well from the target.
+        if found.stretch.looks_wrong() && self.options.improve && self.reporter.should_improve() {
+            let ranked = match other.1 {
+                Some(ranked) => ranked,
+                None => self.searched(other.0)?,
+            };
+            match self.made_by(other.0, is_reversed(other.0), ranked) {
+                Ok(again) if again.stretch.share < found.stretch.share => (search, found) = (other.0, again),
+                Err(PairError::Cancelled) => return Err(PairError::Cancelled),
+                _ => {}
+            }
+        }
+        let searched_again = self.elapsed();
+        let is_reversed = is_reversed(search);
+        let MadeMap {
+            classes,
+            map,
+            distortions,
+            stretch,
+        } = found;
+        let coarse_embeddings = classes.len();
+        let (best, others) = classes.split_first().ok_or(PairError::NoEmbedding)?;
         let through = |layout: &PartialLayout| self.through_torus(search, is_reversed, layout);
-        let (map, distortions, stretch) = self.measured_on_torus(through, &before, &after)?;
 
         let mut warnings = Vec::new();
         let runner_up = others.first().map(|other| other.energy_ratio(best));
@@ -201,7 +215,7 @@ impl PairMapping<'_> {
                 align: 0.0,
                 coarse: compared - laid,
                 improve: improved - compared,
-                reversed: 0.0,
+                reversed: searched_again - improved,
                 total: self.elapsed(),
             },
             concluded: self.reporter.should_conclude(),
@@ -212,6 +226,37 @@ impl PairMapping<'_> {
             map,
             report,
             alternatives,
+        })
+    }
+
+    /// The map of the best class that a search found.
+    fn made_by(&self, search: &Search, is_reversed: bool, ranked: Vec<Candidate>) -> Result<MadeMap, PairError> {
+        // The best of each class.
+        let mut classes: Vec<Candidate> = Vec::new();
+        for candidate in ranked {
+            if classes.iter().all(|kept| kept.layout.map != candidate.layout.map) {
+                classes.push(candidate);
+            }
+        }
+        if self.options.improve {
+            self.compare_rivals(search, &mut classes)?;
+        }
+        let best = classes.first().ok_or(PairError::NoEmbedding)?;
+        let before = search
+            .domain
+            .fine
+            .mapped(&search.target.periods, best.layout.map, best.by);
+        let after = match self.options.improve {
+            true => self.completed_on_torus(search, best)?,
+            false => before.clone(),
+        };
+        let through = |layout: &PartialLayout| self.through_torus(search, is_reversed, layout);
+        let (map, distortions, stretch) = self.measured_on_torus(through, &before, &after)?;
+        Ok(MadeMap {
+            classes,
+            map,
+            distortions,
+            stretch,
         })
     }
 
