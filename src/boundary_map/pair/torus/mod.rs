@@ -239,7 +239,7 @@ impl PairMapping<'_> {
             }
         }
         if self.options.improve {
-            self.compare_rivals(search, &mut classes)?;
+            self.compare_rivals(search, &mut classes);
         }
         let best = classes.first().ok_or(PairError::NoEmbedding)?;
         let before = search
@@ -334,25 +334,26 @@ impl PairMapping<'_> {
     }
 
     /// Refines the best of each class further if the second is nearly as good. The better one comes first.
-    fn compare_rivals(&self, search: &Search, classes: &mut [Candidate]) -> Result<(), PairError> {
+    fn compare_rivals(&self, search: &Search, classes: &mut [Candidate]) {
         let [best, other, ..] = &*classes else {
-            return Ok(());
+            return;
         };
         if !self.reporter.should_improve() || other.energy_ratio(best) > AS_GOOD_COMPARED {
-            return Ok(());
+            return;
         }
         let points = search.domain.torus.surface().vertices();
-        let refine = |candidate: &mut Candidate| -> Result<(), PairError> {
-            self.refined_on_torus(search, &mut candidate.layout, RIVAL_VERTICES)?;
-            let energy = compared_energy(&candidate.layout, search.target, points);
+        let refine = |candidate: &mut Candidate| {
+            // One that is too fine loses.
+            let energy = match self.refined_on_torus(search, &mut candidate.layout, RIVAL_VERTICES) {
+                Ok(()) => compared_energy(&candidate.layout, search.target, points),
+                Err(_) => f64::INFINITY,
+            };
             candidate.set_energy(Stage::Refined, energy);
-            Ok(())
         };
-        classes[..2].par_iter_mut().try_for_each(refine)?;
+        classes[..2].par_iter_mut().for_each(refine);
         if classes[1].energy() < classes[0].energy() {
             classes.swap(0, 1);
         }
-        Ok(())
     }
 
     /// Inserts vertices until there are `enough`, and lowers the distortion at every level.
