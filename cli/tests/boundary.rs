@@ -2,10 +2,12 @@
 
 use crate::workplace::{Workplace, json, text, with_ball};
 use serde_json::Value;
-use solidmap::Point;
-use solidmap::files;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::spherical::SphericalEmbedding;
+use solidmap::{Point, Vector};
 
 #[test]
 fn a_model_is_mapped_to_the_sphere_in_every_form_asked_for() {
@@ -154,6 +156,41 @@ fn maps_that_stretch_too_much_end_with_1_and_the_place_is_named() {
     assert!(words.contains("looks wrong") && words.contains("around ("), "{words}");
     assert!(place.path("image.obj").exists());
     place.ends_with(0, "boundary pair domain.obj needle.obj -o image.obj --max-stretched 1");
+}
+
+#[test]
+fn a_speck_of_the_domain_that_covers_much_of_the_target_ends_with_1() {
+    let place = Workplace::new();
+    // A cap of 2° about the pole goes to one of 25°.
+    let target = shapes::sphere(1.0, 5);
+    let directions: Vec<Vector> = target.vertices().iter().map(|p| p.coords).collect();
+    let domain = shapes::deformed(&target, |p| {
+        let degrees = p.z.clamp(-1.0, 1.0).acos().to_degrees();
+        let new = match degrees < 25.0 {
+            true => degrees * 2.0 / 25.0,
+            false => 180.0 - (180.0 - degrees) * 178.0 / 155.0,
+        };
+        let around = Vector::new(p.x, p.y, 0.0).try_normalize(1e-12).unwrap_or_default();
+        Point::from(around * new.to_radians().sin() + Vector::z() * new.to_radians().cos())
+    });
+    place.surface("domain.ply", &domain);
+    place.surface("target.ply", &target);
+    let [domain, target] = [domain, target].map(|surface| SphericalEmbedding::new(surface, &directions).unwrap());
+    let file = BoundaryFile {
+        boundary: BoundaryMap::through_sphere(domain, target).unwrap(),
+        metadata: BoundaryMetadata::new(vec![]),
+    };
+    files::write_boundary(&place.path("speck.safetensors"), &file).unwrap();
+    let line = "boundary pair domain.ply target.ply --start speck.safetensors --no-improve -o image.ply";
+    let words = text(&place.ends_with(1, line).stderr);
+    assert!(
+        words.contains("of the target's area") && !words.contains("domain's"),
+        "{words}"
+    );
+    let report = json(&place.ends_with(0, &format!("{line} --max-stretched 0.02 --json")));
+    let number = |name: &str| report["stretch"].pointer(name).unwrap().as_f64().unwrap();
+    assert!(number("/share") < 0.001 && number("/target/share") > 0.04, "{report}");
+    assert_eq!([number("/limit"), number("/target/limit")], [0.02, 0.08]);
 }
 
 #[test]

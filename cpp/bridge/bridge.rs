@@ -105,6 +105,7 @@ pub(super) mod ffi {
         area_median: f64,
         area_p99: f64,
         stretched: f64,
+        target_stretched: f64,
         looks_wrong: bool,
         isometry_defect: f64,
         landmark_error: f64,

@@ -52,6 +52,7 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
     report->area_median = found.area_median;
     report->area_p99 = found.area_p99;
     report->stretched = found.stretched;
+    report->target_stretched = found.target_stretched;
     report->looks_wrong = found.looks_wrong;
     report->isometry_defect = found.isometry_defect;
     report->landmark_error = found.landmark_error;

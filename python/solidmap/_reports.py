@@ -379,8 +379,9 @@ class PairReport(Report):
         rows.append(
             (
                 "stretched",
-                f"{percent(stretch['share'])} of the area by more than a factor of {significant(stretch['factor'])} "
-                f"(up to {percent(stretch['limit'])} is expected)",
+                f"{percent(stretch['share'])} of the domain's area and {percent(stretch['target']['share'])} of the target's by more than a "
+                f"factor of {significant(stretch['factor'])} (up to {percent(stretch['limit'])} and {percent(stretch['target']['limit'])} are "
+                "expected)",
             )
         )
         if self.isometry_defect is not None:

@@ -451,7 +451,8 @@ def pair(
     domain_up, target_up : {"x", "y", "z", "-x", "-y", "-z"}, optional
         Axes that roughly correspond.
     max_stretched : float
-        Share of the area that may be stretched or compressed over 10 times; above it, ``report.looks_wrong``.
+        Share of the domain's area that may be stretched or compressed over 10 times, and four times as much of the target's; above it,
+        ``report.looks_wrong``.
     via : {"targets", "conformal"}
         How the surfaces are matched.
     aligned : bool

@@ -169,8 +169,8 @@ pub struct PairArgs {
     /// Axis of the target that --domain-up corresponds to; it also points up in pictures of the target [default: that of --up]
     #[arg(long, value_enum, allow_hyphen_values = true, value_name = "UP")]
     pub target_up: Option<UpKind>,
-    /// Share of the area of DOMAIN that may be stretched or compressed over 10 times; above it, the map is written with
-    /// exit code 1, since a limb is probably in the wrong place
+    /// Share of the area of DOMAIN that may be stretched or compressed over 10 times, and of the target four times as much;
+    /// above it, the map is written with exit code 1, since a limb is probably in the wrong place
     #[arg(long, value_name = "SHARE", value_parser = share, default_value_t = PairOptions::default().most_stretched)]
     pub max_stretched: f64,
     /// How the surfaces are matched

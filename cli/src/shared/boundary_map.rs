@@ -6,7 +6,7 @@ use anyhow::{Context, ensure};
 use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{
-    FittingTorus, Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, PairReport, Stretch,
+    FittingTorus, Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, PairReport, StretchedArea,
     fitting_torus, map_pair_with_alternatives,
 };
 use solidmap::files;
@@ -183,17 +183,13 @@ fn paired(
 
 /// Warns of a map that looks wrong.
 fn warn_of_looks(report: &PairReport, output: &Output) {
-    if report.stretch.looks_wrong() {
-        output.warn(looks_wrong(&report.stretch));
-    } else if let Some(shell) = report.stretched_shell() {
-        output.warn(format_args!(
-            "the boundary map looks wrong: {} % of the area of shell {shell}, counted from 0, is stretched or compressed over {} \
-             times. Up to {} % is expected (--max-stretched {})",
-            significant(100.0 * report.shells[shell].stretched, 2),
-            report.stretch.factor,
-            significant(100.0 * report.stretch.limit, 2),
-            report.stretch.limit
-        ));
+    let stretch = &report.stretch;
+    let sides = [("domain", &stretch.domain), ("target", &stretch.target)];
+    for (side, area) in sides.into_iter().filter(|(_, area)| area.is_too_large()) {
+        output.warn(looks_wrong(side, area, report));
+    }
+    if let (false, Some(shell)) = (stretch.looks_wrong(), report.stretched_shell()) {
+        output.warn(shell_looks_wrong(shell, report));
     }
     if let Some(nearer) = &report.nearer_isometry {
         output.warn(format_args!(
@@ -207,20 +203,40 @@ fn warn_of_looks(report: &PairReport, output: &Output) {
     }
 }
 
-/// The warning that a map stretches too much of the domain too far.
-fn looks_wrong(stretch: &Stretch) -> String {
-    let around = stretch.places.first().map_or(String::new(), |place| {
+/// The warning that a map stretches too much of the domain or the target too far.
+fn looks_wrong(side: &str, area: &StretchedArea, report: &PairReport) -> String {
+    let stretch = &report.stretch;
+    let has_handles = report.torus.is_some() || report.hyperbolic.is_some();
+    let guides = if has_handles { "loops (--loops)" } else { "landmarks" };
+    let around = area.places.first().map_or(String::new(), |place| {
         let [x, y, z] = place.centre.map(|c| significant(c, 3));
-        format!(", around ({x}, {y}, {z}) of the domain")
+        format!(", around ({x}, {y}, {z})")
     });
     format!(
-        "the boundary map looks wrong: {} % of the area is stretched or compressed over {} times{around}. Up to {} % is \
+        "the boundary map looks wrong: {} % of the {side}'s area is stretched or compressed over {} times{around}. Up to {} % is \
          expected (--max-stretched {}). A limb may be in the wrong place: look at it with --png, see whether an \
-         alternative is right, or give landmarks",
-        significant(100.0 * stretch.share, 2),
+         alternative is right, or give {guides}",
+        significant(100.0 * area.share, 2),
         stretch.factor,
-        significant(100.0 * stretch.limit, 2),
-        stretch.limit
+        significant(100.0 * area.limit, 2),
+        stretch.domain.limit
+    )
+}
+
+/// The warning that a map stretches too much of a shell too far, though not of the whole.
+fn shell_looks_wrong(shell: usize, report: &PairReport) -> String {
+    let (found, stretch) = (&report.shells[shell], &report.stretch);
+    let (whose, share, limit) = match found.stretched > stretch.domain.limit {
+        true => ("", found.stretched, stretch.domain.limit),
+        false => ("'s target", found.target_stretched, stretch.target.limit),
+    };
+    format!(
+        "the boundary map looks wrong: {} % of the area of shell {shell}{whose}, counted from 0, is stretched or compressed over {} \
+         times. Up to {} % is expected (--max-stretched {})",
+        significant(100.0 * share, 2),
+        stretch.factor,
+        significant(100.0 * limit, 2),
+        stretch.domain.limit
     )
 }
 

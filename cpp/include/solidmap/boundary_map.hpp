@@ -54,7 +54,8 @@ struct PairOptions {
   std::vector<std::array<std::uint32_t, 2>> components;
   /// Directions of the domain and of the target that correspond roughly, within 60°; both zero: not known.
   Point domain_up = {0, 0, 0}, target_up = {0, 0, 0};
-  /// Share of the domain's area above which the map looks wrong when it is stretched or compressed over 10 times there.
+  /// Share of the domain's area above which the map looks wrong when it is stretched or compressed over 10 times there; of the
+  /// target's area four times as much.
   double most_stretched = 0.0075;
   /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought. `conformal` seeks
   /// none by shape anyway.
@@ -70,6 +71,8 @@ struct PairReport {
   double angle_median = 0, angle_p99 = 0, area_median = 0, area_p99 = 0;
   /// Share of the domain's area that is stretched or compressed over 10 times.
   double stretched = 0;
+  /// Share of the target's area, by the inverse of the map.
+  double target_stretched = 0;
   /// Whether the map is probably wrong, a limb in the wrong place: too much is stretched, or a correspondence by intrinsic shape is
   /// clearly nearer to an isometry and lies elsewhere.
   bool looks_wrong = false;

@@ -388,6 +388,7 @@ TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
   CHECK(calls > 3);
   CHECK(report.angle_median >= 1.0);
   CHECK(report.stretched < 0.0075);
+  CHECK(report.target_stretched < 0.03);
   CHECK_FALSE(report.looks_wrong);
   PairOptions soft;
   soft.landmarks = {{0, 5}, {3, 60}};

@@ -56,7 +56,7 @@ pub use report::{
 };
 pub use rotation::{RotationMatch, search_rotations};
 pub use shells::{ComponentMismatch, ComponentsError};
-pub use stretch::Stretch;
+pub use stretch::{Stretch, StretchedArea};
 pub use targets::{VertexTarget, vertex_targets};
 pub use torus::{FittingTorus, fitting_torus};
 

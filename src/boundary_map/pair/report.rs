@@ -122,7 +122,7 @@ pub struct PairReport {
     /// Whether the map was sought from the target to the domain: what is said of starts, schedules and other maps, and `before`, are of
     /// the first search, whose map was worse.
     pub is_reversed: bool,
-    /// How much of the domain is stretched so far that the map is probably wrong.
+    /// How much of the domain and the target is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
     /// The shells of the domain in the order of their first triangles, where there are several. Then `after`, `stretch`, `landmarks`,
     /// `timings` and `warnings` are of all, `alternatives` are those that are returned, and all else is of the largest.
@@ -203,8 +203,10 @@ impl PairReport {
 
     /// The first shell of which too much is stretched, by its index.
     pub fn stretched_shell(&self) -> Option<usize> {
-        let limit = self.stretch.limit;
-        self.shells.iter().position(|shell| shell.stretched > limit)
+        let Stretch { domain, target, .. } = &self.stretch;
+        let is_stretched =
+            |shell: &ShellReport| shell.stretched > domain.limit || shell.target_stretched > target.limit;
+        self.shells.iter().position(is_stretched)
     }
 }
 
@@ -226,8 +228,10 @@ pub struct ShellReport {
     pub method: PairMethod,
     /// Distortion of its map.
     pub distortion: SurfaceDistortion,
-    /// The share of its area that is stretched too far ([`Stretch::share`]).
+    /// The share of its area that is stretched too far ([`Stretch::domain`]).
     pub stretched: f64,
+    /// The share of the area of the target's shell ([`Stretch::target`]).
+    pub target_stretched: f64,
 }
 
 /// A correspondence by intrinsic shape beside a map.

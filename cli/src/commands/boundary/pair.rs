@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
-use solidmap::boundary_map::pair::{PairMaps, PairMethod, PairReport, PairStartKind, ShellReport, TorusReport};
+use solidmap::boundary_map::pair::{
+    PairMaps, PairMethod, PairReport, PairStartKind, ShellReport, Stretch, TorusReport,
+};
 
 use super::write;
 use crate::CommandOutcome;
@@ -192,12 +194,13 @@ fn shell_row(shell: usize, found: &ShellReport) -> String {
         false => "solid",
     };
     format!(
-        "{shell}: {kind} of genus {}, {} vertices, to shell {} of {} vertices; {} % of the area stretched",
+        "{shell}: {kind} of genus {}, {} vertices, to shell {} of {} vertices; {} % of its area and {} % of that one's stretched",
         found.genus,
         found.vertices,
         found.target,
         found.target_vertices,
-        significant(100.0 * found.stretched, 2)
+        significant(100.0 * found.stretched, 2),
+        significant(100.0 * found.target_stretched, 2)
     )
 }
 
@@ -266,13 +269,16 @@ fn summary(report: &PairSummary) -> String {
         };
         rows.push(["landmarks".into(), format!("{}, {how}", pair.landmarks)]);
     }
+    let Stretch { factor, domain, target } = &pair.stretch;
     rows.push([
         "stretched".into(),
         format!(
-            "{} % of the area by more than a factor of {} (up to {} % is expected)",
-            significant(100.0 * pair.stretch.share, 2),
-            pair.stretch.factor,
-            significant(100.0 * pair.stretch.limit, 2)
+            "{} % of the domain's area and {} % of the target's by more than a factor of {} (up to {} and {} % are expected)",
+            significant(100.0 * domain.share, 2),
+            significant(100.0 * target.share, 2),
+            factor,
+            significant(100.0 * domain.limit, 2),
+            significant(100.0 * target.limit, 2)
         ),
     ]);
     if let Some(defect) = pair.isometry_defect {

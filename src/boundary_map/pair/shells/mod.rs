@@ -288,7 +288,8 @@ impl ShellMapper<'_> {
             target_vertices: self.matching.solids[1].shells[found.target].vertices.len(),
             method: report.method,
             distortion: report.after,
-            stretched: report.stretch.share,
+            stretched: report.stretch.domain.share,
+            target_stretched: report.stretch.target.share,
         });
         shells.collect()
     }

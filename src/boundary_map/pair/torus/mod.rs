@@ -76,6 +76,8 @@ struct Search<'a> {
     domain: &'a Laid,
     target: &'a TargetTorus,
     classes: Classes,
+    /// Whether it is from the pair's target to its domain.
+    is_reversed: bool,
 }
 
 /// A surface with its own embedding.
@@ -125,6 +127,7 @@ impl PairMapping<'_> {
             domain: &domain,
             target: &onto_target,
             classes: self.classes([&domain.torus, &target.torus])?,
+            is_reversed: false,
         };
         let ranked = self.searched(&there)?;
         // Maps are as good as their inverses, and coarse triangles see more of a plain surface between their samples than of one
@@ -134,6 +137,7 @@ impl PairMapping<'_> {
             domain: &target,
             target: &onto_domain,
             classes: there.classes.inverted(),
+            is_reversed: true,
         };
         let least = |ranked: &[Candidate]| ranked.first().map_or(f64::INFINITY, Candidate::energy);
         let reversed = match least(&ranked) > HARD {
@@ -142,28 +146,27 @@ impl PairMapping<'_> {
         };
         let compared = self.elapsed();
         let is_back_better = reversed.as_ref().is_some_and(|others| least(others) < least(&ranked));
-        let (first, other) = match (is_back_better, reversed) {
-            (true, Some(reversed)) => ((&back, reversed), (&there, Some(ranked))),
-            (_, reversed) => ((&there, ranked), (&back, reversed)),
+        let (mut search, ranked, other, other_ranked) = match (is_back_better, reversed) {
+            (true, Some(reversed)) => (&back, reversed, &there, Some(ranked)),
+            (_, reversed) => (&there, ranked, &back, reversed),
         };
-        let is_reversed = |search: &Search| std::ptr::eq(search, &back);
-        let mut found = self.made_by(first.0, is_reversed(first.0), first.1)?;
-        let mut search = first.0;
+        let mut found = self.made_by(search, ranked)?;
         let improved = self.elapsed();
         // A speck of the domain that covers much of the target is hardly seen from there, and well from the target.
         if found.stretch.looks_wrong() && self.options.improve && self.reporter.should_improve() {
-            let ranked = match other.1 {
+            let ranked = match other_ranked {
                 Some(ranked) => ranked,
-                None => self.searched(other.0)?,
+                None => self.searched(other)?,
             };
-            match self.made_by(other.0, is_reversed(other.0), ranked) {
-                Ok(again) if again.stretch.share < found.stretch.share => (search, found) = (other.0, again),
+            match self.made_by(other, ranked) {
+                Ok(again) if again.stretch.worst_share() < found.stretch.worst_share() => {
+                    (search, found) = (other, again)
+                }
                 Err(PairError::Cancelled) => return Err(PairError::Cancelled),
                 _ => {}
             }
         }
         let searched_again = self.elapsed();
-        let is_reversed = is_reversed(search);
         let MadeMap {
             classes,
             map,
@@ -172,7 +175,7 @@ impl PairMapping<'_> {
         } = found;
         let coarse_embeddings = classes.len();
         let (best, others) = classes.split_first().ok_or(PairError::NoEmbedding)?;
-        let through = |layout: &PartialLayout| self.through_torus(search, is_reversed, layout);
+        let through = |layout: &PartialLayout| self.through_torus(search, layout);
 
         let mut warnings = Vec::new();
         let runner_up = others.first().map(|other| other.energy_ratio(best));
@@ -203,7 +206,7 @@ impl PairMapping<'_> {
             torus: Some(TorusReport {
                 compared: search.classes.compared_at_first(),
                 is_turned: best.layout.map.is_turned,
-                twist: if is_reversed {
+                twist: if search.is_reversed {
                     -best.layout.map.twist
                 } else {
                     best.layout.map.twist
@@ -230,7 +233,7 @@ impl PairMapping<'_> {
     }
 
     /// The map of the best class that a search found.
-    fn made_by(&self, search: &Search, is_reversed: bool, ranked: Vec<Candidate>) -> Result<MadeMap, PairError> {
+    fn made_by(&self, search: &Search, ranked: Vec<Candidate>) -> Result<MadeMap, PairError> {
         // The best of each class.
         let mut classes: Vec<Candidate> = Vec::new();
         for candidate in ranked {
@@ -250,7 +253,7 @@ impl PairMapping<'_> {
             true => self.completed_on_torus(search, best)?,
             false => before.clone(),
         };
-        let through = |layout: &PartialLayout| self.through_torus(search, is_reversed, layout);
+        let through = |layout: &PartialLayout| self.through_torus(search, layout);
         let (map, distortions, stretch) = self.measured_on_torus(through, &before, &after)?;
         Ok(MadeMap {
             classes,
@@ -300,6 +303,7 @@ impl PairMapping<'_> {
             domain,
             target,
             classes,
+            ..
         } = search;
         let mut ranked = candidates(
             &domain.coarse,
@@ -408,17 +412,12 @@ impl PairMapping<'_> {
     }
 
     /// The map of a layout of all vertices, turned round if the target was laid out on the domain's torus.
-    fn through_torus(
-        &self,
-        search: &Search,
-        is_reversed: bool,
-        layout: &PartialLayout,
-    ) -> Result<BoundaryMap, PairError> {
-        let side = if is_reversed { "target" } else { "domain" };
+    fn through_torus(&self, search: &Search, layout: &PartialLayout) -> Result<BoundaryMap, PairError> {
+        let side = if search.is_reversed { "target" } else { "domain" };
         let embedding = search.domain.torus.embedded(layout);
         let embedding = embedding.map_err(|error| PairError::Torus { side, error })?;
         let onto = search.target.embedding.clone();
-        Ok(match is_reversed {
+        Ok(match search.is_reversed {
             true => BoundaryMap::through_torus(onto, embedding)?,
             false => BoundaryMap::through_torus(embedding, onto)?,
         })
