@@ -402,6 +402,26 @@ fn real_pairs_are_one_to_one() {
     }
 }
 
+/// The search from the duck alone takes specks of it to a sixth of the bird, the legs and the tips of the wings.
+#[test]
+fn a_map_that_looks_wrong_is_sought_the_other_way_too() {
+    let Some(folder) = models() else { return };
+    let read = |name: &str| {
+        io::read_tets(folder.join("volmap").join(name))
+            .unwrap()
+            .boundary()
+            .surface
+    };
+    let (_, report) = pair(&read("duck.mesh"), &read("bird.mesh"), &PairOptions::default());
+    assert!(report.is_reversed && !report.looks_wrong(), "{:?}", report.stretch);
+    // What is said of starts is of the first search.
+    assert!(
+        report.starts.len() > 1 && report.timings.reversed > 0.0,
+        "{:?}",
+        report.starts
+    );
+}
+
 /// A horse in two poses with the same vertices, so that the true map is known. Its slit and its hole are closed; the vertices of
 /// the target are renumbered, and it is turned.
 fn horse_in_two_poses(folder: &Path, from: &str, to: &str) -> (SurfaceMesh, SurfaceMesh, Vec<Point>) {

@@ -1,11 +1,12 @@
-//! The map by soft targets, sought again where the first search ends off an isometry: from the target to the domain, since either
-//! search gets stuck at other minima, and from the map itself where a part of it is out of order. With a few landmarks it is sought
-//! without them, too, and made to meet them.
+//! The map by soft targets, sought again where the first search ends off an isometry or looks wrong: from the target to the domain, since
+//! either search gets stuck at other minima, and from the map itself where a part of it is out of order. With a few landmarks it is
+//! sought without them, too, and made to meet them.
 
 use super::isometry::{SMALL_DEFECT, is_off};
 use super::soft_targets::SoftTargetMaps;
 use super::{
-    Landmarks, NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport, PairStartKind, PairTimings,
+    BoundaryMap, Landmarks, NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport, PairStartKind,
+    PairTimings,
 };
 
 /// Most landmarks with which the map is sought without them, too: more say by themselves where the domain goes.
@@ -63,14 +64,15 @@ impl PairMapping<'_> {
         Ok(best)
     }
 
-    /// The map of a search. Where that ends [off](is_off) an isometry, a map is sought the other way, too; where a part of the better one
-    /// is out of order, another from that map. The best is taken.
+    /// The map of a search. Where that ends [off](is_off) an isometry, or stretches too much, a map is sought the other way, too; where
+    /// a part of the better one is out of order, another from that map. The best is taken.
     fn by_best_search(&self) -> Result<SoftTargetMaps, PairError> {
         let mut best = self.by_soft_targets(None)?.ok_or(PairError::NoEmbedding)?;
         let is_free = self.is_search() && self.landmarks.pairs().is_empty();
         let may_go_on = || is_free && self.reporter.should_improve();
         let is_seen_off = is_free && best.quality.isometry_defect.is_some_and(is_off);
-        if is_seen_off && may_go_on() {
+        let is_stretched = is_free && best.maps.report.stretch.looks_wrong();
+        if (is_seen_off || is_stretched) && may_go_on() {
             let found = self.by_soft_targets_from_target(&best)?;
             best = best.or_better(found);
             self.count_time(&mut best.maps.report);
@@ -156,8 +158,8 @@ impl PairMapping<'_> {
         Ok(Some(WithoutLandmarks { met, costs }))
     }
 
-    /// The inverse of the map that is found from the target to the domain, improved as a map of the domain; `None` where its coarse
-    /// embeddings are no better than the first map's, or none is found.
+    /// The inverse of the map that is found from the target to the domain, improved as a map of the domain unless it looks wrong then;
+    /// `None` where none is found, or its coarse embeddings are no better than the first map's, which does not look wrong.
     fn by_soft_targets_from_target(&self, first: &SoftTargetMaps) -> Result<Option<SoftTargetMaps>, PairError> {
         let shapes = first.shapes.as_ref().map(|shapes| shapes.exchanged());
         let options = PairOptions {
@@ -172,32 +174,56 @@ impl PairMapping<'_> {
             shapes: shapes.as_ref(),
             ..*self
         };
-        let Some(found) = some_or_cancelled(back.by_soft_targets(first.coarse_rating))? else {
+        let most_rating = first.coarse_rating.filter(|_| !first.maps.report.stretch.looks_wrong());
+        let Some(found) = some_or_cancelled(back.by_soft_targets(most_rating))? else {
+            return Ok(None);
+        };
+        let Some(inverse) = found.maps.map.inverse() else {
             return Ok(None);
         };
         // The target's triangles are not distorted much, but the domain's may be where they bend about limbs.
-        let Some(start) = found.maps.map.inverse() else {
-            return Ok(None);
+        let improved = self.by_inverse(&inverse, first, true)?;
+        // The energy that is lowered is weighted by the domain's area, and that of the search by the target's: specks of the domain may
+        // get to cover much of the target.
+        let better = match improved {
+            Some(improved) if !improved.maps.report.stretch.looks_wrong() => Some(improved),
+            improved => {
+                let as_found = self.by_inverse(&inverse, first, false)?;
+                match improved {
+                    Some(improved) => Some(improved.or_better(as_found)),
+                    None => as_found,
+                }
+            }
         };
+        Ok(better.map(|mut better| {
+            let report = &mut better.maps.report;
+            report.is_reversed = true;
+            report.coarse_embeddings = found.maps.report.coarse_embeddings;
+            report.warnings = found.maps.report.warnings;
+            report.starts = vec![];
+            better
+        }))
+    }
+
+    /// A map from its start, the inverse of one that was found the other way.
+    fn by_inverse(
+        &self,
+        inverse: &BoundaryMap,
+        first: &SoftTargetMaps,
+        improve: bool,
+    ) -> Result<Option<SoftTargetMaps>, PairError> {
         let options = PairOptions {
-            start: Some(start),
+            start: Some(inverse.clone()),
             alternatives: 0,
+            improve,
             ..self.options.clone()
         };
-        let improving = PairMapping {
+        let from_inverse = PairMapping {
             options: &options,
             shapes: first.shapes.as_ref(),
             ..*self
         };
-        let Some(mut improved) = some_or_cancelled(improving.by_soft_targets(None))? else {
-            return Ok(None);
-        };
-        let report = &mut improved.maps.report;
-        report.is_reversed = true;
-        report.coarse_embeddings = found.maps.report.coarse_embeddings;
-        report.warnings = found.maps.report.warnings;
-        report.starts = vec![];
-        Ok(Some(improved))
+        some_or_cancelled(from_inverse.by_soft_targets(None))
     }
 
     /// The map that is found from the start that a map becomes when it is refined by eigenfunctions; `None` where none is found.
@@ -212,12 +238,17 @@ impl PairMapping<'_> {
 }
 
 impl SoftTargetMaps {
-    /// This map, or that of a further search if there is one and it is better. What is said of other maps stays that of the first search.
+    /// This map, or that of a further search if there is one and it is better: where one of them looks wrong, if less is stretched. What
+    /// is said of other maps stays that of the first search.
     fn or_better(mut self, found: Option<Self>) -> Self {
         let Some(found) = found else {
             return self;
         };
-        let is_better = found.quality.rating() < self.quality.rating();
+        let [own, other] = [&self, &found].map(|search| &search.maps.report.stretch);
+        let is_better = match own.looks_wrong() || other.looks_wrong() {
+            true => other.worst_share() < own.worst_share(),
+            false => found.quality.rating() < self.quality.rating(),
+        };
         let (own, found_report) = (&mut self.maps.report, found.maps.report);
         own.coarse_embeddings += found_report.coarse_embeddings;
         let start = own.starts.len() + found_report.start;
