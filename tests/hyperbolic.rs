@@ -131,12 +131,46 @@ fn solids_whose_handles_do_not_fit_are_refused_by_name() {
         refused(&plate(2, 2), &plate(3, 2)),
         PairError::UnequalGenus { domain: 2, target: 3 }
     );
-    // Three holes in a row, and three around a corner: no alignment takes each to one of the others.
-    let around = |x: i32, y: i32| [[1, 1], [3, 1], [1, 3]].iter().all(|hole| *hole != [x, y]) && (x < 3 || y < 3);
-    let cells = (0..5).flat_map(|x| (0..5).map(move |y| [x, y, 0]));
-    let corner: Vec<[i32; 3]> = cells.filter(|&[x, y, _]| around(x, y)).collect();
-    let error = refused(&plate(3, 2), &shapes::polycube(&corner, 2));
+    // Four holes in a row, and four in a square: no alignment takes each to one of the others.
+    let square = slab([5, 5], &[[1, 1], [3, 1], [3, 3], [1, 3]]);
+    let error = refused(&plate(4, 2), &square);
     assert!(matches!(error, PairError::NoClass { .. }), "{error:?}");
+}
+
+/// A plate of cells without these.
+fn slab([width, height]: [i32; 2], holes: &[[i32; 2]]) -> SurfaceMesh {
+    let cells = (0..width).flat_map(|x| (0..height).map(move |y| [x, y, 0]));
+    let cells: Vec<[i32; 3]> = cells.filter(|&[x, y, _]| !holes.contains(&[x, y])).collect();
+    shapes::polycube(&cells, 2)
+}
+
+/// No alignment by shape takes holes in a row to holes around a corner, or such on a diagonal. Those by extents do, some of them from
+/// the target alone.
+#[test]
+fn holes_in_a_row_go_to_holes_around_a_corner() {
+    let diagonal = slab([5, 5], &[[1, 1], [3, 3]]);
+    let corner = slab([5, 5], &[[1, 1], [3, 1], [3, 3]]);
+    let options = PairOptions {
+        alternatives: 1,
+        ..PairOptions::default()
+    };
+    let mut reversed = 0;
+    for (domain, target) in [
+        (plate(2, 2), diagonal.clone()),
+        (diagonal, plate(2, 2)),
+        (plate(3, 2), corner.clone()),
+        (corner, plate(3, 2)),
+    ] {
+        let made = map_pair_with_alternatives(&domain, &target, &options, &|_| ()).unwrap();
+        let report = made.report;
+        assert!(!report.looks_wrong() && mean(&report) < 2.0, "{}", mean(&report));
+        for map in [&made.map].into_iter().chain(&made.alternatives) {
+            assert_eq!(map.domain().triangles(), domain.triangles());
+            assert_one_to_one(map);
+        }
+        reversed += usize::from(report.is_reversed);
+    }
+    assert!(reversed > 0);
 }
 
 /// The vertices at the corners of the hole of this cube, on top of a plate.

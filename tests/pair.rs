@@ -415,11 +415,7 @@ fn a_map_that_looks_wrong_is_sought_the_other_way_too() {
     let (_, report) = pair(&read("duck.mesh"), &read("bird.mesh"), &PairOptions::default());
     assert!(report.is_reversed && !report.looks_wrong(), "{:?}", report.stretch);
     // What is said of starts is of the first search.
-    assert!(
-        report.starts.len() > 1 && report.timings.reversed > 0.0,
-        "{:?}",
-        report.starts
-    );
+    assert!(report.starts.len() > 1, "{:?}", report.starts);
 }
 
 /// A horse in two poses with the same vertices, so that the true map is known. Its slit and its hole are closed; the vertices of

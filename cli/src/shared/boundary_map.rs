@@ -6,8 +6,8 @@ use anyhow::{Context, ensure};
 use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{
-    FittingTorus, Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, PairReport, StretchedArea,
-    fitting_torus, map_pair_with_alternatives,
+    FittingTorus, Landmarks, PairError, PairMaps, PairMethod, PairOptions, PairPhase, PairReport, Stretch,
+    StretchedArea, fitting_torus, map_pair_with_alternatives,
 };
 use solidmap::files;
 use solidmap::fit::self_intersection_warning;
@@ -185,8 +185,19 @@ fn paired(
 fn warn_of_looks(report: &PairReport, output: &Output) {
     let stretch = &report.stretch;
     let sides = [("domain", &stretch.domain), ("target", &stretch.target)];
-    for (side, area) in sides.into_iter().filter(|(_, area)| area.is_too_large()) {
-        output.warn(looks_wrong(side, area, report));
+    let wrong: Vec<String> = sides
+        .iter()
+        .filter(|(_, area)| area.is_too_large())
+        .map(|(side, area)| stretched_area(side, area, stretch))
+        .collect();
+    if !wrong.is_empty() {
+        let has_handles = report.torus.is_some() || report.hyperbolic.is_some();
+        output.warn(format_args!(
+            "the boundary map looks wrong: {}. A limb may be in the wrong place: look at it with --png, see whether an alternative \
+             is right, or give {}",
+            wrong.join("; "),
+            if has_handles { "loops (--loops)" } else { "landmarks" }
+        ));
     }
     if let (false, Some(shell)) = (stretch.looks_wrong(), report.stretched_shell()) {
         output.warn(shell_looks_wrong(shell, report));
@@ -203,22 +214,18 @@ fn warn_of_looks(report: &PairReport, output: &Output) {
     }
 }
 
-/// The warning that a map stretches too much of the domain or the target too far.
-fn looks_wrong(side: &str, area: &StretchedArea, report: &PairReport) -> String {
-    let stretch = &report.stretch;
-    let has_handles = report.torus.is_some() || report.hyperbolic.is_some();
-    let guides = if has_handles { "loops (--loops)" } else { "landmarks" };
+/// How much of the domain or the target is stretched too far, and where.
+fn stretched_area(side: &str, area: &StretchedArea, stretch: &Stretch) -> String {
     let around = area.places.first().map_or(String::new(), |place| {
         let [x, y, z] = place.centre.map(|c| significant(c, 3));
         format!(", around ({x}, {y}, {z})")
     });
     format!(
-        "the boundary map looks wrong: {} % of the {side}'s area is stretched or compressed over {} times{around}. Up to {} % is \
-         expected (--max-stretched {}). A limb may be in the wrong place: look at it with --png, see whether an \
-         alternative is right, or give {guides}",
+        "{} % of the {side}'s area is stretched or compressed over {} times{around}, where up to {} % is expected ({}--max-stretched {})",
         significant(100.0 * area.share, 2),
         stretch.factor,
         significant(100.0 * area.limit, 2),
+        if side == "target" { "four times " } else { "" },
         stretch.domain.limit
     )
 }
@@ -226,13 +233,26 @@ fn looks_wrong(side: &str, area: &StretchedArea, report: &PairReport) -> String 
 /// The warning that a map stretches too much of a shell too far, though not of the whole.
 fn shell_looks_wrong(shell: usize, report: &PairReport) -> String {
     let (found, stretch) = (&report.shells[shell], &report.stretch);
-    let (whose, share, limit) = match found.stretched > stretch.domain.limit {
-        true => ("", found.stretched, stretch.domain.limit),
-        false => ("'s target", found.target_stretched, stretch.target.limit),
+    let (whose, share, limit, times) = match found.stretched > stretch.domain.limit {
+        true => (
+            format!("shell {shell}, counted from 0,"),
+            found.stretched,
+            stretch.domain.limit,
+            "",
+        ),
+        false => (
+            format!(
+                "shell {} of the target, to which shell {shell} of the domain goes (counted from 0),",
+                found.target
+            ),
+            found.target_stretched,
+            stretch.target.limit,
+            "four times ",
+        ),
     };
     format!(
-        "the boundary map looks wrong: {} % of the area of shell {shell}{whose}, counted from 0, is stretched or compressed over {} \
-         times. Up to {} % is expected (--max-stretched {})",
+        "the boundary map looks wrong: {} % of the area of {whose} is stretched or compressed over {} times. Up to {} % is expected \
+         ({times}--max-stretched {})",
         significant(100.0 * share, 2),
         stretch.factor,
         significant(100.0 * limit, 2),

@@ -15,6 +15,9 @@ const FEW_LANDMARKS: usize = 20;
 /// landmarks of poses and bends lower it by up to a third, since that map is improved further, or raise it by 1 % at most.
 const MOST_COSTS: f64 = 1.05;
 
+/// Ratio of isometry defects above which a map is clearly farther from an isometry than another.
+const CLEARLY_FARTHER: f64 = 2.0;
+
 /// A map that was found without landmarks, and then made to meet them.
 struct WithoutLandmarks {
     met: SoftTargetMaps,
@@ -238,15 +241,21 @@ impl PairMapping<'_> {
 }
 
 impl SoftTargetMaps {
-    /// This map, or that of a further search if there is one and it is better: where one of them looks wrong, if less is stretched. What
-    /// is said of other maps stays that of the first search.
+    /// Whether its isometry defect is clearly larger than another's: limbs that are exchanged may stretch little.
+    fn is_farther_from_isometry(&self, other: &Self) -> bool {
+        let defects = [self, other].map(|maps| maps.quality.isometry_defect);
+        matches!(defects, [Some(own), Some(other)] if own > CLEARLY_FARTHER * other)
+    }
+
+    /// This map, or that of a further search if there is one and it is better: by the rating, or where one of them looks wrong, if less is
+    /// stretched, unless that one is clearly farther from an isometry. What is said of other maps stays that of the first search.
     fn or_better(mut self, found: Option<Self>) -> Self {
         let Some(found) = found else {
             return self;
         };
         let [own, other] = [&self, &found].map(|search| &search.maps.report.stretch);
         let is_better = match own.looks_wrong() || other.looks_wrong() {
-            true => other.worst_share() < own.worst_share(),
+            true => other.worst_share() < own.worst_share() && !found.is_farther_from_isometry(&self),
             false => found.quality.rating() < self.quality.rating(),
         };
         let (own, found_report) = (&mut self.maps.report, found.maps.report);

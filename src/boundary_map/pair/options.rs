@@ -58,7 +58,7 @@ pub struct PairOptions {
     /// Number of other maps that are wanted, for [`map_pair_with_alternatives`](super::map_pair_with_alternatives).
     pub alternatives: usize,
     /// Share of the domain's area above which the map counts as wrong when it is stretched or compressed by more than
-    /// [a factor](super::Stretch::factor) there. Of the target's area it is four times as much.
+    /// [a factor](super::Stretch::factor) there. Of the target's area it is four times as much, at most 1.
     pub most_stretched: f64,
     /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought.
     /// [`PairMethod::Conformal`] does not look at it.

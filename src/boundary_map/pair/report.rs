@@ -120,7 +120,8 @@ pub struct PairReport {
     /// then limbs are probably on wrong limbs.
     pub nearer_isometry: Option<NearerIsometry>,
     /// Whether the map was sought from the target to the domain: what is said of starts, schedules and other maps, and `before`, are of
-    /// the first search, whose map was worse.
+    /// the first search, whose map was worse; of solids with handles these, `coarse_embeddings`, `torus` and `hyperbolic` are of the search
+    /// from the target.
     pub is_reversed: bool,
     /// How much of the domain and the target is stretched so far that the map is probably wrong.
     pub stretch: Stretch,
@@ -313,7 +314,7 @@ pub struct PairTimings {
     /// Refinement and optimisation of the best embedding.
     pub improve: f64,
     /// Further searches, where there were any: from the target to the domain, from a map of which a part was out of order, and without
-    /// landmarks.
+    /// landmarks. Of solids with two handles or more that one, of both ways, whose map was not taken.
     pub reversed: f64,
     /// All phases.
     pub total: f64,
@@ -362,7 +363,7 @@ pub enum PairError {
          give loops around their holes that correspond, solids that are more alike, or a boundary map that was made elsewhere"
     )]
     NoClass {
-        /// Alignments that were tried.
+        /// Alignments of the domain to the target that were tried.
         tried: usize,
     },
     /// An option has no meaning for solids with a handle.

@@ -19,7 +19,8 @@ pub struct Stretch {
     #[serde(flatten)]
     pub domain: StretchedArea,
     /// Of the target, by the inverse of the map: a speck of the domain may cover much of the target. Of right maps it is larger than
-    /// the domain's, since the distortion that is minimised is weighted by the domain's area: so is its limit.
+    /// the domain's, since the distortion that is minimised is weighted by the domain's area; so is its limit, four times as much and at
+    /// most 1.
     pub target: StretchedArea,
 }
 
@@ -28,7 +29,7 @@ pub struct Stretch {
 pub struct StretchedArea {
     /// Its share of the area.
     pub share: f64,
-    /// The share from which the map counts as wrong.
+    /// The share above which the map counts as wrong.
     pub limit: f64,
     /// Where it is, the largest area first.
     pub places: Vec<WorstPlace>,

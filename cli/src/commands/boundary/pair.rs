@@ -183,8 +183,14 @@ fn hyperbolic_method(pair: &PairReport) -> String {
         None => String::new(),
     };
     format!(
-        "a hyperbolic surface of genus {}, the best of {} alignments, {} of which take handles to handles{next}",
-        found.genus, found.alignments, found.classes
+        "a hyperbolic surface of genus {}, the best of {} alignments, {} of which take handles to handles{next}{}",
+        found.genus,
+        found.alignments,
+        found.classes,
+        match pair.is_reversed {
+            true => "; by a search from the target to the domain",
+            false => "",
+        }
     )
 }
 
@@ -194,7 +200,7 @@ fn shell_row(shell: usize, found: &ShellReport) -> String {
         false => "solid",
     };
     format!(
-        "{shell}: {kind} of genus {}, {} vertices, to shell {} of {} vertices; {} % of its area and {} % of that one's stretched",
+        "{shell}: {kind} of genus {}, {} vertices, to shell {} of {} vertices; {} % of its area and {} % of the target shell's are stretched",
         found.genus,
         found.vertices,
         found.target,

@@ -41,6 +41,8 @@ pub(super) const CANDIDATES: usize = 600;
 /// Principal axes are ambiguous if the variances along two of them are closer than this factor.
 const AMBIGUOUS_RATIO: f64 = 1.25;
 const SEED: u64 = 1;
+/// Largest stretch to the extents of another surface: of flat ones an extent is 0.
+const MOST_STRETCH: f64 = 10.0;
 
 impl AlignmentSurface {
     /// Prepares a closed surface, its triangles facing outward; `side` names it in errors.
@@ -97,6 +99,21 @@ impl AlignmentSurface {
         let to_target = target.to_frame.after(alignment).after(&self.to_frame.inverse());
         let moved = |(p, n): (&Point, &Vector)| (to_target.apply(p), to_target.rotation * n);
         self.vertices.iter().zip(&self.normals).map(moved).collect()
+    }
+
+    /// The surface that this one was prepared from, stretched along its principal axes until it has the extents of another along
+    /// those of that one.
+    pub(in crate::boundary_map::pair) fn with_extents_of(&self, other: &Self, surface: &SurfaceMesh) -> SurfaceMesh {
+        let ratio = |k: usize| {
+            let ratio = (other.variances[k] / self.variances[k]).sqrt();
+            if ratio.is_finite() {
+                ratio.clamp(1.0 / MOST_STRETCH, MOST_STRETCH)
+            } else {
+                1.0
+            }
+        };
+        let stretch = self.axes * Matrix3::from_diagonal(&Vector::from([0, 1, 2].map(ratio))) * self.axes.transpose();
+        shapes::deformed(surface, |p| Point::from(stretch * self.to_frame.apply(p).coords))
     }
 
     pub(super) fn has_ambiguous_axes(&self) -> bool {

@@ -179,3 +179,24 @@ fn shape_alone_brings_the_landmarks_of_two_hands_together() {
         assert!(gap.norm() < 0.15 * vulcan.diagonal(), "{a} {b} {}", gap.norm());
     }
 }
+
+#[test]
+fn a_surface_gets_the_extents_of_another() {
+    let brick =
+        |x: f64, y: f64, z: f64| shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(x * p.x, y * p.y, z * p.z));
+    let (long, wide) = (brick(4.0, 1.0, 1.0), brick(1.0, 2.5, 3.0));
+    let [from, to] = [&long, &wide].map(prepared);
+    assert!(from.variances[1] < 0.5 * to.variances[1]);
+    let stretched = prepared(&from.with_extents_of(&to, &long));
+    for k in 0..3 {
+        // Not equal: where a stretch changes areas, it changes their weights.
+        let ratio = stretched.variances[k] / to.variances[k];
+        assert!((0.75..1.33).contains(&ratio), "{k}: {ratio}");
+    }
+    // A flat surface stays flat, and one is made flatter by no more than a factor.
+    let flat = brick(2.0, 1.0, 0.0);
+    let squeezed = prepared(&flat).with_extents_of(&to, &flat);
+    assert!(squeezed.vertices().iter().all(|p| p.iter().all(|c| c.is_finite())));
+    let flattened = from.with_extents_of(&prepared(&flat), &long);
+    assert!(flattened.volume() > 0.0);
+}

@@ -8,6 +8,7 @@
 //!
 //! No step inverts a triangle in the hyperbolic plane.
 
+pub(super) mod both_ways;
 mod cut_open;
 mod homology;
 mod lifting;
@@ -17,8 +18,8 @@ use rayon::prelude::*;
 use super::starts::{ClosestPoints, PairAlignments};
 use super::torus::search::{COARSE_SOFTNESS, FINE_SOFTNESS};
 use super::{
-    HyperbolicReport, LoopError, PairAlternative, PairError, PairMapping, PairMaps, PairMethod, PairPhase, PairReport,
-    PairStart, PairStartKind, PairTimings, Stretch, distortion, is_lower,
+    AlignmentSurface, HyperbolicReport, LoopError, PairAlternative, PairError, PairMapping, PairMaps, PairMethod,
+    PairPhase, PairReport, PairStart, PairStartKind, PairTimings, Stretch, distortion, is_lower,
 };
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
@@ -143,7 +144,7 @@ impl PairMapping<'_> {
         };
         let laid = self.elapsed();
         let PairAlignments {
-            all: alignments,
+            all: mut alignments,
             mut warnings,
         } = self.alignments_of_solids()?;
         // Whoever gives loops has said what goes where.
@@ -152,11 +153,19 @@ impl PairMapping<'_> {
         }
         let aligned = self.elapsed();
 
+        let mut found = self.candidates(&search, &alignments, genus, true)?;
+        if found.ranked.is_empty() && !self.options.aligned && self.reporter.should_improve() {
+            let PairAlignments { all, .. } = self.alignments_by_extents()?;
+            let again = self.candidates(&search, &all, genus, false)?;
+            found.ranked = again.ranked;
+            found.unmapped.extend(again.unmapped);
+            alignments.extend(all);
+        }
         let Candidates {
             mut ranked,
             unmapped,
             warnings: of_homology,
-        } = self.candidates(&search, &alignments, genus)?;
+        } = found;
         warnings.extend(of_homology);
         let compared = self.elapsed();
         if ranked.is_empty() {
@@ -249,12 +258,26 @@ impl PairMapping<'_> {
         self.alignments()
     }
 
-    /// Layouts of the domain by loops, and by the closest points of each alignment.
+    /// Alignments of the domain stretched to the target's extents along its principal axes: holes that are in a row in one and around
+    /// a corner in the other come closer to each other.
+    fn alignments_by_extents(&self) -> Result<PairAlignments, PairError> {
+        let from = AlignmentSurface::new(self.domain, "domain")?;
+        let to = AlignmentSurface::new(self.target, "target")?;
+        let stretched = from.with_extents_of(&to, self.domain);
+        let stretched = PairMapping {
+            domain: &stretched,
+            ..*self
+        };
+        stretched.alignments()
+    }
+
+    /// Layouts of the domain by loops, if these are to be used, and by the closest points of each alignment.
     fn candidates(
         &self,
         search: &Search,
         alignments: &[(PairStartKind, ClosestPoints)],
         genus: usize,
+        uses_loops: bool,
     ) -> Result<Candidates, PairError> {
         let embedding = &search.target.embedding;
         let paths = TargetPaths::new(embedding);
@@ -270,7 +293,7 @@ impl PairMapping<'_> {
         let mut found: Vec<Candidate> = Vec::new();
         let mut unmapped = Vec::new();
         let cutting = homology.cutting(self.loops);
-        let by_loops = match cutting.len() == genus {
+        let by_loops = match uses_loops && cutting.len() == genus {
             true => self.lifted_by_loops(&cutting, embedding)?,
             false => None,
         };

@@ -152,21 +152,22 @@ impl PairMapping<'_> {
         };
         let mut found = self.made_by(search, ranked)?;
         let improved = self.elapsed();
+        let mut searched_again = 0.0;
         // A speck of the domain that covers much of the target is hardly seen from there, and well from the target.
         if found.stretch.looks_wrong() && self.options.improve && self.reporter.should_improve() {
             let ranked = match other_ranked {
-                Some(ranked) => ranked,
-                None => self.searched(other)?,
+                Some(ranked) => Ok(ranked),
+                None => self.searched(other),
             };
-            match self.made_by(other, ranked) {
+            match ranked.and_then(|ranked| self.made_by(other, ranked)) {
                 Ok(again) if again.stretch.worst_share() < found.stretch.worst_share() => {
                     (search, found) = (other, again)
                 }
                 Err(PairError::Cancelled) => return Err(PairError::Cancelled),
                 _ => {}
             }
+            searched_again = self.elapsed() - improved;
         }
-        let searched_again = self.elapsed();
         let MadeMap {
             classes,
             map,
@@ -218,9 +219,10 @@ impl PairMapping<'_> {
                 align: 0.0,
                 coarse: compared - laid,
                 improve: improved - compared,
-                reversed: searched_again - improved,
+                reversed: searched_again,
                 total: self.elapsed(),
             },
+            is_reversed: search.is_reversed,
             concluded: self.reporter.should_conclude(),
             warnings,
             ..PairReport::of(PairMethod::FlatTori, distortions, stretch)
