@@ -144,8 +144,8 @@ fn slab([width, height]: [i32; 2], holes: &[[i32; 2]]) -> SurfaceMesh {
     shapes::polycube(&cells, 2)
 }
 
-/// No alignment by shape takes holes in a row to holes around a corner, or such on a diagonal. Those by extents do, some of them from
-/// the target alone.
+/// Most alignments by shape take no row of holes to holes around a corner or on a diagonal. Those by extents do, some of them only from
+/// the target to the domain.
 #[test]
 fn holes_in_a_row_go_to_holes_around_a_corner() {
     let diagonal = slab([5, 5], &[[1, 1], [3, 3]]);

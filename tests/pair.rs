@@ -402,7 +402,7 @@ fn real_pairs_are_one_to_one() {
     }
 }
 
-/// The search from the duck alone takes specks of it to a sixth of the bird, the legs and the tips of the wings.
+/// The search from the duck alone takes a thousandth of it to a sixth of the bird.
 #[test]
 fn a_map_that_looks_wrong_is_sought_the_other_way_too() {
     let Some(folder) = models() else { return };

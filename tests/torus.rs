@@ -65,7 +65,7 @@ fn knot(around: usize, across: usize) -> SurfaceMesh {
     SurfaceMesh::new(map.image().to_vec(), map.domain().triangles().to_vec()).unwrap()
 }
 
-/// A ring that is four times as thick on one side as on the other.
+/// A ring that is over four times as thick on one side as on the other.
 fn pot_with_a_handle() -> SurfaceMesh {
     shapes::deformed(&shapes::torus(1.0, 0.5, 120, 48), |p| {
         let around = p.y.atan2(p.x);
@@ -521,7 +521,7 @@ fn a_kitten_goes_to_a_cup() {
     assert_eq!(error.map(|(_, report)| report), Err(expected));
 }
 
-/// The map from the rocker arm alone takes a speck of it to much of the pot, and squeezes a tenth of the area.
+/// The map that is made from the rocker arm alone has over 20 times the energy of an isometry on a tenth of its area.
 #[test]
 fn a_map_that_looks_wrong_is_made_the_other_way_too() {
     let Some(folder) = models() else { return };

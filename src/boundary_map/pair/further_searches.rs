@@ -186,7 +186,7 @@ impl PairMapping<'_> {
         };
         // The target's triangles are not distorted much, but the domain's may be where they bend about limbs.
         let improved = self.by_inverse(&inverse, first, true)?;
-        // The energy that is lowered is weighted by the domain's area, and that of the search by the target's: specks of the domain may
+        // The energy that is lowered is weighted by the domain's area, and that of the search by the target's: small parts of the domain may
         // get to cover much of the target.
         let better = match improved {
             Some(improved) if !improved.maps.report.stretch.looks_wrong() => Some(improved),

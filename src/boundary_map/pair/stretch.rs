@@ -15,12 +15,12 @@ use crate::worst_places::{PlaceKind, WorstPlace, of_triangles};
 pub struct Stretch {
     /// Lengths that change by more than this factor count, beside the ratio of the sizes of the solids.
     pub factor: f64,
-    /// Of the domain, by the map.
+    /// The part of the domain that the map stretches or compresses too far.
     #[serde(flatten)]
     pub domain: StretchedArea,
-    /// Of the target, by the inverse of the map: a speck of the domain may cover much of the target. Of right maps it is larger than
-    /// the domain's, since the distortion that is minimised is weighted by the domain's area; so is its limit, four times as much and at
-    /// most 1.
+    /// The part of the target that the inverse of the map stretches or compresses too far: a very small part of the domain may cover much
+    /// of the target. Right maps have more of it than of the domain, since the distortion that is minimised is weighted by the domain's
+    /// area; so the limit is four times as much, at most 1.
     pub target: StretchedArea,
 }
 

@@ -153,7 +153,8 @@ impl PairMapping<'_> {
         let mut found = self.made_by(search, ranked)?;
         let improved = self.elapsed();
         let mut searched_again = 0.0;
-        // A speck of the domain that covers much of the target is hardly seen from there, and well from the target.
+        // A small part of the domain that covers much of the target hardly counts in the energy of maps of the domain, and much in that
+        // of maps of the target.
         if found.stretch.looks_wrong() && self.options.improve && self.reporter.should_improve() {
             let ranked = match other_ranked {
                 Some(ranked) => Ok(ranked),
