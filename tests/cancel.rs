@@ -215,7 +215,11 @@ fn a_map_of_a_pair_can_be_concluded_at_any_phase_and_is_a_bijection() {
     assert!(!whole.concluded);
     for k in 0..5 {
         let progress = conclude_from(move |phase| match phase {
-            PairPhase::Sphere(..) | PairPhase::Tori | PairPhase::HyperbolicSurface | PairPhase::Shell { .. } => k == 0,
+            PairPhase::Sphere(..)
+            | PairPhase::Tori
+            | PairPhase::HyperbolicSurface
+            | PairPhase::Reversed
+            | PairPhase::Shell { .. } => k == 0,
             PairPhase::Aligning { .. } | PairPhase::Intrinsic { .. } => k == 1,
             PairPhase::CoarseEmbeddings { .. } => k == 2,
             // This domain has all its vertices in the coarse embeddings.

@@ -993,7 +993,14 @@ fn the_bird_has_no_bad_hexahedron_once_boundary_nodes_slide() {
         return;
     };
     let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
-    let hexes = || sized(CellKind::Hexes, CellSize::Length(0.03));
+    // Not by luck with one size: which nodes lie on edges of the target, and get over them or not, changes with it.
+    let of_size = |size: f64| sized(CellKind::Hexes, CellSize::Length(size));
+    for size in [0.026, 0.027, 0.028, 0.029, 0.031, 0.032] {
+        let report = run(&boundary, &fit.map, of_size(size)).report;
+        assert_eq!(report.after.cells, [] as [u32; 0], "{size}");
+        assert!(report.quality.unwrap().min_scaled_jacobian > 0.3, "{size}: {report:?}");
+    }
+    let hexes = || of_size(0.03);
     let free = run(&boundary, &fit.map, hexes());
     assert_eq!(free.report.after.cells, [] as [u32; 0], "{:?}", free.report);
     assert!(free.report.slid_nodes > 0 && free.report.largest_slide_in_cells < 2.0);

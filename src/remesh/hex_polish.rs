@@ -37,8 +37,10 @@ const GAIN: f64 = 1e-5;
 /// cells have a weight of 1 each; vertices that are left at that distance from the boundary add the second.
 const STIFFNESS: f64 = 1.0;
 const FIT: f64 = 100.0;
-/// How much stiffer the pulls are in a second attempt, if the first takes the boundary away from the target.
-const STIFFER: f64 = 10.0;
+/// Further attempts are made where the first takes the boundary away from the target or leaves a scaled Jacobian below this.
+const GOOD_ENOUGH: f64 = 0.3;
+const STIFF: f64 = 3.0 * FIT;
+const STIFFEST: f64 = 10.0 * FIT;
 /// Passes over patches: the scaled Jacobian below which cells get one, as long as there are any, and how often all passes
 /// are made.
 const BOUNDS: [f64; 5] = [0.1, 0.2, 0.3, 0.45, 0.6];
@@ -46,13 +48,16 @@ const REPEATS: usize = 2;
 /// A pass takes cells at least this far above the lowest.
 const ABOVE_LOWEST: f64 = 0.05;
 /// Rings of cells around the low ones whose nodes move.
-const RINGS: usize = 1;
+const RINGS: usize = 2;
 /// The corners of a patch are raised this far above the bound of the pass.
 const MARGIN: f64 = 0.1;
 const PENALTY: f64 = 1000.0;
 /// The springs of a patch are soft, since it is small.
 const PATCH_STIFFNESS: f64 = 0.01;
-/// A round of a patch that leaves more than this of its shortfall is its last.
+/// Largest number of rounds of a patch. It ends after so many in a row that leave more than this of its shortfall: where the target is
+/// curved, nodes that are put back on it may make a round worse, and the next one better.
+const PATCH_ROUNDS: usize = 9;
+const MAX_STALLED: usize = 2;
 const MAX_SHORTFALL_RATIO: f64 = 0.98;
 /// Cosine of the angle by which the target's normal at a node may turn in a round: nodes do not slide over creases.
 const MAX_TURN: f64 = 0.7;
@@ -102,6 +107,33 @@ struct Improvement {
     stiffness: f64,
 }
 
+/// One way to improve a mesh.
+#[derive(Debug, Clone, Copy)]
+struct Attempt {
+    /// Whether all cells are improved first, or only the lowest.
+    all: bool,
+    /// Stiffness of the pulls.
+    fit: f64,
+    /// Whether no patch may get more boundary triangles that face away from the target.
+    keeps_facing: bool,
+}
+
+impl Attempt {
+    const fn new(all: bool, fit: f64, keeps_facing: bool) -> Self {
+        Self { all, fit, keeps_facing }
+    }
+}
+
+/// What is tried where boundary nodes slide, and where they do not.
+const SLIDING: [Attempt; 5] = [
+    Attempt::new(true, FIT, false),
+    Attempt::new(true, FIT, true),
+    Attempt::new(true, STIFF, true),
+    Attempt::new(true, STIFFEST, true),
+    Attempt::new(false, STIFFEST, true),
+];
+const FIXED: [Attempt; 2] = [Attempt::new(true, 0.0, false), Attempt::new(false, 0.0, false)];
+
 /// Cells that are improved together.
 struct Patch {
     /// Nodes of the patch's cells, in the mesh, ascending.
@@ -115,6 +147,8 @@ struct Patch {
 /// What of a patch may not get worse.
 struct PatchMeasure {
     invalid: usize,
+    /// Triangles of the boundary that face away from the target ([`BoundaryState::turned`]), where that counts.
+    turned: usize,
     least: f64,
     /// Cells below each of two bounds.
     below: [usize; 2],
@@ -195,23 +229,27 @@ impl<'a> HexPolish<'a> {
     }
 
     /// Improves all cells and then the lowest. Keeps that if neither more cells are invalid nor the least scaled Jacobian
-    /// or its 1 % quantile is lower, and the boundary is not farther from the target; else holds the boundary closer to
-    /// the target, or improves only the lowest cells.
+    /// or its 1 % quantile is lower, and the boundary is not farther from the target. Where that is not so, or cells stay low, holds the
+    /// boundary closer to the target, or improves only the lowest cells, and keeps the best.
     pub fn run(&self, x: &mut [Point], report: &mut PolishReport) {
         let floor = Floor::of(self.mesh, x);
         let boundary = self.boundary(x);
-        // Whether all cells are improved first, and how stiff the pulls are.
-        let attempts: &[(bool, f64)] = match self.surface {
-            Some(_) => &[(true, FIT), (true, STIFFER * FIT), (false, STIFFER * FIT)],
-            None => &[(true, 0.0), (false, 0.0)],
+        let attempts = match self.surface {
+            Some(_) => &SLIDING[..],
+            None => &FIXED,
         };
-        for &(all, fit) in attempts {
-            if !self.monitor.should_continue() {
-                return;
+        let mut best: Option<(Floor, Vec<Point>)> = None;
+        for attempt in attempts {
+            if !self.monitor.should_continue() || (best.is_some() && !attempt.all) {
+                break;
             }
             let mut moved = x.to_vec();
-            let mut iterations = if all { self.improve_all(&mut moved, fit) } else { 0 };
-            iterations += self.raise_lowest(&mut moved, fit);
+            let mut iterations = if attempt.all {
+                self.improve_all(&mut moved, attempt.fit)
+            } else {
+                0
+            };
+            iterations += self.raise_lowest(&mut moved, attempt);
             report.iterations += iterations;
             let is_sound = match (boundary, self.boundary(&moved)) {
                 (Some(before), Some(found)) => found.is_no_worse_than(&before, self.edge),
@@ -219,11 +257,20 @@ impl<'a> HexPolish<'a> {
                 (Some(_), None) => false,
             };
             let is_moved = moved.as_slice() != x;
-            if is_moved && is_sound && floor.raised(self.mesh, &moved).is_some() {
-                x.copy_from_slice(&moved);
+            let Some(found) = floor.raised(self.mesh, &moved).filter(|_| is_moved && is_sound) else {
+                continue;
+            };
+            if best.as_ref().is_none_or(|(best, _)| found.rating() > best.rating()) {
                 report.kept_iterations = iterations;
-                return;
+                best = Some((found, moved));
             }
+            // A boundary that is fixed is as close as it was.
+            if found.least >= GOOD_ENOUGH || self.surface.is_none() {
+                break;
+            }
+        }
+        if let Some((_, found)) = best {
+            x.copy_from_slice(&found);
         }
     }
 
@@ -253,7 +300,7 @@ impl<'a> HexPolish<'a> {
 
     /// Raises the lowest cells in patches of their own, pass after pass; returns the iterations made, each counted for the
     /// part of the cells that took part.
-    fn raise_lowest(&self, x: &mut [Point], fit: f64) -> usize {
+    fn raise_lowest(&self, x: &mut [Point], attempt: &Attempt) -> usize {
         let (mut work, cells) = (0, self.mesh.cells.len());
         for bound in BOUNDS.repeat(REPEATS) {
             if !self.monitor.should_continue() || work >= self.iterations * cells {
@@ -267,15 +314,15 @@ impl<'a> HexPolish<'a> {
                 .filter(|(_, s)| **s < bound)
                 .map(|(cell, _)| cell)
                 .collect();
-            work += self.raise_patches(x, &low, &scaled, bound, fit);
+            work += self.raise_patches(x, &low, &scaled, bound, attempt);
         }
         work.div_ceil(cells.max(1))
     }
 
-    /// Raises patches around the cells `low`. Keeps of each patch the last positions in which it has no more invalid cells,
-    /// its least scaled Jacobian is no lower, no more of its cells are below the 1 % quantile of the mesh, and its
+    /// Raises patches around the cells `low`. Keeps of each patch the last positions in which it has no more invalid cells or
+    /// turned triangles, its least scaled Jacobian is no lower, no more of its cells are below the 1 % quantile of the mesh, and its
     /// shortfall is less. Returns iterations times cells.
-    fn raise_patches(&self, x: &mut [Point], low: &[u32], scaled: &[f64], bound: f64, fit: f64) -> usize {
+    fn raise_patches(&self, x: &mut [Point], low: &[u32], scaled: &[f64], bound: f64, attempt: &Attempt) -> usize {
         let at_nodes = CellsAtNodes::new(&self.mesh.cells, self.mesh.nodes.len());
         let mut ascending = scaled.to_vec();
         ascending.sort_unstable_by(f64::total_cmp);
@@ -287,28 +334,29 @@ impl<'a> HexPolish<'a> {
         };
         let bounds = [*bounds.0, *bounds.1];
         let improvement = Improvement {
-            rounds: MAX_ROUNDS.min(self.iterations.div_ceil(ROUND)),
+            rounds: PATCH_ROUNDS.min(self.iterations.div_ceil(ROUND)),
             penalty: Some(CornerPenalty {
                 bound: bound + MARGIN,
                 weight: PENALTY,
             }),
             stiffness: PATCH_STIFFNESS,
         };
-        let pulls: Arc<[Pull]> = self.pulls(x, fit).into();
+        let pulls: Arc<[Pull]> = self.pulls(x, attempt.fit).into();
+        let facing = self.surface.as_ref().filter(|_| attempt.keeps_facing);
         let raise = |patch: &Patch| {
             let mut own = patch.of(x);
             let mut kept = own.clone();
-            let measure = |at: &[Point]| PatchMeasure::of(&patch.cells.cells, at, bounds, bound + MARGIN);
+            let measure = |at: &[Point]| PatchMeasure::of(&patch.cells, at, facing, bounds, bound + MARGIN);
             let mut best = measure(&own);
             let mut keep = |at: &[Point]| {
                 let found = measure(at);
                 let is_better = found.is_better_than(&best);
-                let continues = is_better && found.shortfall < MAX_SHORTFALL_RATIO * best.shortfall;
+                let helps = is_better && found.shortfall < MAX_SHORTFALL_RATIO * best.shortfall;
                 if is_better {
                     kept.copy_from_slice(at);
                     best = found;
                 }
-                continues
+                helps
             };
             let iterations = self.improve(patch, &mut own, &mut |_| pulls.clone(), &improvement, &mut keep);
             (kept, iterations)
@@ -324,7 +372,7 @@ impl<'a> HexPolish<'a> {
     }
 
     /// Rounds of descent; `pulls` says before each what pulls the nodes of the mesh, `keep` sees the patch's positions after
-    /// it, and says whether to go on. No cell becomes invalid. Returns the iterations made.
+    /// it, and says whether it helped. No cell becomes invalid. Returns the iterations made.
     fn improve(
         &self,
         patch: &Patch,
@@ -352,7 +400,9 @@ impl<'a> HexPolish<'a> {
             until_positive: false,
         };
         let invalid = invalid_cells(&mesh.cells, own).cells;
-        let mut total = 0;
+        let (mut total, mut stalled) = (0, 0);
+        // Those that are not the target's where nodes are.
+        let mut normals: Vec<Option<Vector>> = vec![None; gliders.len()];
         for _ in 0..improvement.rounds {
             if !self.monitor.should_continue() {
                 break;
@@ -366,11 +416,15 @@ impl<'a> HexPolish<'a> {
             descent.has_block_preconditioner = true;
             if let Some(surface) = &self.surface {
                 let pulls = pulls(own);
-                let constraint = |glider: &Glider| TangentConstraint {
-                    pull: pulls[patch.nodes[glider.node] as usize] * part,
-                    ..surface.constraint(glider, own, &anchors, improvement.stiffness * part)
+                let constraint = |(glider, normal): (&Glider, &Option<Vector>)| {
+                    let found = surface.constraint(glider, own, &anchors, improvement.stiffness * part);
+                    TangentConstraint {
+                        pull: pulls[patch.nodes[glider.node] as usize] * part,
+                        normal: normal.unwrap_or(found.normal),
+                        ..found
+                    }
                 };
-                descent.constraints = gliders.par_iter().map(constraint).collect();
+                descent.constraints = gliders.par_iter().zip(&normals).map(constraint).collect();
             }
             let (value, iterations) = descent.run(own, EPSILON, &rule);
             total += iterations;
@@ -378,19 +432,78 @@ impl<'a> HexPolish<'a> {
                 own.clone_from(&before);
                 break;
             }
-            if let Some(surface) = &self.surface {
-                let placed = gliders
-                    .par_iter()
-                    .map(|glider| surface.put_back(glider, &before, own, MAX_TURN));
-                let placed: Vec<Point> = placed.collect();
-                gliders.iter().zip(placed).for_each(|(glider, p)| own[glider.node] = p);
+            let headings = self.put_on_target(mesh, &gliders, &invalid, &before, own);
+            // If neither plane helps, the first again.
+            for (normal, heading) in normals.iter_mut().zip(headings) {
+                *normal = normal.xor(heading);
             }
-            restore(&mesh.cells, &invalid, &before, own);
-            if !keep(own) || iterations == 0 {
+            stalled = if keep(own) { 0 } else { stalled + 1 };
+            if stalled > MAX_STALLED || iterations == 0 {
                 break;
             }
         }
         total
+    }
+
+    /// Puts boundary nodes back on the target, and where that makes cells invalid, moves all nodes of these cells half as far,
+    /// again and again, and in the end not at all. Returns for each boundary node that went less far the target's normal
+    /// where it was headed: a node on an edge of the target leaves it in the plane of either triangle, and if that is
+    /// not the one it gets to, it is taken off its way even by a short step.
+    fn put_on_target(
+        &self,
+        mesh: &BoundedMesh,
+        gliders: &[Glider],
+        invalid: &[u32],
+        before: &[Point],
+        x: &mut [Point],
+    ) -> Vec<Option<Vector>> {
+        /// How often a step is halved, and more turns than a good step needs.
+        const HALVINGS: usize = 5;
+        const MAX_TURNS: usize = 25;
+        let headed = x.to_vec();
+        let mut glider_of: Vec<Option<&Glider>> = vec![None; x.len()];
+        gliders.iter().for_each(|glider| glider_of[glider.node] = Some(glider));
+        let placed = |v: usize, part: f64| {
+            let to = before[v] + (headed[v] - before[v]) * part;
+            match (glider_of[v], &self.surface) {
+                (Some(glider), Some(surface)) => surface.put_back(glider, &before[v], &to, MAX_TURN),
+                _ => to,
+            }
+        };
+        let on_target: Vec<Point> = gliders.par_iter().map(|glider| placed(glider.node, 1.0)).collect();
+        gliders.iter().zip(on_target).for_each(|(glider, p)| x[glider.node] = p);
+        let lost = |x: &[Point]| {
+            let mut cells = invalid_cells(&mesh.cells, x).cells;
+            cells.retain(|cell| invalid.binary_search(cell).is_err());
+            let corners = cells.iter().flat_map(|&cell| mesh.cells.corners(cell as usize));
+            let mut nodes: Vec<u32> = corners.copied().collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            nodes
+        };
+        let mut parts = vec![1.0; x.len()];
+        for turn in 0..=MAX_TURNS {
+            let nodes = lost(x);
+            if nodes.is_empty() {
+                break;
+            }
+            if turn == MAX_TURNS {
+                x.copy_from_slice(before);
+                break;
+            }
+            for v in nodes.into_iter().map(|v| v as usize) {
+                parts[v] *= 0.5;
+                x[v] = match turn < HALVINGS {
+                    true => placed(v, parts[v]),
+                    false => before[v],
+                };
+            }
+        }
+        let heading = |glider: &Glider| {
+            let surface = self.surface.as_ref().filter(|_| parts[glider.node] < 1.0)?;
+            Some(surface.normal_near(&headed[glider.node]))
+        };
+        gliders.iter().map(heading).collect()
     }
 
     /// The connected parts of the cells with free nodes within `rings` rings around the cells `low`.
@@ -444,7 +557,14 @@ impl<'a> HexPolish<'a> {
             }
             parts[*part].push(cell);
         }
-        let patch = |cells: &Vec<u32>| {
+        let mut boundaries: Vec<Vec<[u32; 3]>> = vec![vec![]; parts.len()];
+        for corners in &mesh.boundary {
+            let places = corners.map(|v| position[v as usize]);
+            if let Some(free) = places.into_iter().find(|&k| k != u32::MAX) {
+                boundaries[part_of_root[sets.find(free) as usize]].push(*corners);
+            }
+        }
+        let patch = |(cells, boundary): (&Vec<u32>, &Vec<[u32; 3]>)| {
             let nodes = nodes_of(cells);
             let local = |v: u32| nodes.binary_search(&v).unwrap_or_default() as u32;
             let places = (0..nodes.len() as u32).map(|k| (k, position[nodes[k as usize] as usize]));
@@ -456,7 +576,7 @@ impl<'a> HexPolish<'a> {
                 cells: CellList::Hexes(cells.iter().map(|&c| hexes[c as usize].map(local)).collect()),
                 on_boundary: nodes.iter().map(|&v| mesh.on_boundary[v as usize]).collect(),
                 nodes: nodes.iter().map(|&v| mesh.nodes[v as usize]).collect(),
-                boundary: vec![],
+                boundary: boundary.iter().map(|corners| corners.map(local)).collect(),
                 regions: vec![],
                 parts: vec![],
                 part_names: vec![],
@@ -468,7 +588,7 @@ impl<'a> HexPolish<'a> {
                 cells,
             }
         };
-        parts.par_iter().map(patch).collect()
+        parts.par_iter().zip(&boundaries).map(patch).collect()
     }
 
     /// What pulls boundary nodes so that the boundary gets closer to the target's vertices: for each vertex at `p`, closest
@@ -477,7 +597,7 @@ impl<'a> HexPolish<'a> {
     /// where the target is flat, or curved the same way all around, it leaves them alone.
     fn pulls(&self, x: &[Point], fit: f64) -> Vec<Pull> {
         let mut pulls: Vec<Pull> = x.iter().map(|&from| Pull::none(from)).collect();
-        let Some((_, found)) = self.closest_on_boundary(x) else {
+        let Some(found) = self.closest_on_boundary(x) else {
             return pulls;
         };
         for ((p, area), found) in self.vertices.iter().zip(found) {
@@ -493,66 +613,53 @@ impl<'a> HexPolish<'a> {
         pulls
     }
 
-    /// The boundary with nodes at `x`, and the point of it closest to each of the target's vertices; `None` where nothing
-    /// slides or nodes are not finite.
-    fn closest_on_boundary(&self, x: &[Point]) -> Option<(SurfaceMesh, Vec<ClosestPoint>)> {
+    /// The point of the boundary with nodes at `x` closest to each of the target's vertices; `None` where nothing slides or nodes are not
+    /// finite.
+    fn closest_on_boundary(&self, x: &[Point]) -> Option<Vec<ClosestPoint>> {
         self.surface.as_ref()?;
         let boundary = SurfaceMesh::new(x.to_vec(), self.mesh.boundary.clone()).ok()?;
         let points: Vec<Point> = self.vertices.iter().map(|(p, _)| *p).collect();
-        let found = SurfaceQuery::new(&boundary).ok()?.closest_points(&points);
-        Some((boundary, found))
+        Some(SurfaceQuery::new(&boundary).ok()?.closest_points(&points))
     }
 
     fn boundary(&self, x: &[Point]) -> Option<BoundaryState> {
         let surface = self.surface.as_ref()?;
-        let (boundary, found) = self.closest_on_boundary(x)?;
+        let found = self.closest_on_boundary(x)?;
         let (mut sums, mut largest) = ([0.0; 2], 0.0f64);
         for ((_, area), found) in self.vertices.iter().zip(found) {
             sums = [sums[0] + area * found.distance, sums[1] + area];
             largest = largest.max(found.distance);
         }
-        let faces_away = |t: &usize| {
-            let corners = boundary.triangles()[*t].map(|v| x[v as usize].coords);
-            let centre = Point::from((corners[0] + corners[1] + corners[2]) / 3.0);
-            let turned = boundary.area_vector(*t).dot(&surface.normal_near(&centre));
-            !is_positive(turned)
-        };
         Some(BoundaryState {
             crossings: crossing_triangles(&self.mesh.boundary, x).len(),
-            turned: (0..boundary.triangles().len())
-                .into_par_iter()
-                .filter(faces_away)
-                .count(),
+            turned: turned_triangles(&self.mesh.boundary, x, surface),
             distances: [sums[0] / sums[1], largest],
         })
     }
 }
 
-/// Puts the nodes of cells back that are invalid and were not, until there are none.
-fn restore(cells: &CellList, invalid: &[u32], before: &[Point], x: &mut [Point]) {
-    /// More turns than a good step needs.
-    const MAX_TURNS: usize = 20;
-    for _ in 0..MAX_TURNS {
-        let now = invalid_cells(cells, x).cells;
-        let mut lost = now
-            .iter()
-            .filter(|cell| invalid.binary_search(cell).is_err())
-            .peekable();
-        if lost.peek().is_none() {
-            return;
-        }
-        for &v in lost.flat_map(|&cell| cells.corners(cell as usize)) {
-            x[v as usize] = before[v as usize];
-        }
-    }
-    x.copy_from_slice(before);
+/// How many triangles face away from the target where their centres are closest to it.
+fn turned_triangles(triangles: &[[u32; 3]], x: &[Point], surface: &RelaxationSurface) -> usize {
+    let faces_away = |corners: &&[u32; 3]| {
+        let [a, b, c] = corners.map(|v| x[v as usize]);
+        let centre = Point::from((a.coords + b.coords + c.coords) / 3.0);
+        !is_positive((b - a).cross(&(c - a)).dot(&surface.normal_near(&centre)))
+    };
+    triangles.par_iter().filter(faces_away).count()
 }
 
 impl PatchMeasure {
-    fn of(cells: &CellList, x: &[Point], bounds: [f64; 2], raised_to: f64) -> Self {
-        let scaled = scaled_jacobians(cells, x);
+    fn of(
+        mesh: &BoundedMesh,
+        x: &[Point],
+        facing: Option<&RelaxationSurface>,
+        bounds: [f64; 2],
+        raised_to: f64,
+    ) -> Self {
+        let scaled = scaled_jacobians(&mesh.cells, x);
         Self {
-            invalid: invalid_cells(cells, x).cells.len(),
+            invalid: invalid_cells(&mesh.cells, x).cells.len(),
+            turned: facing.map_or(0, |surface| turned_triangles(&mesh.boundary, x, surface)),
             least: scaled.iter().copied().fold(f64::INFINITY, lesser),
             // NaN counts as low.
             below: bounds.map(|bound| scaled.len() - scaled.iter().filter(|s| **s >= bound).count()),
@@ -563,6 +670,7 @@ impl PatchMeasure {
     /// Written so that NaN is worse.
     fn is_better_than(&self, other: &Self) -> bool {
         self.invalid <= other.invalid
+            && self.turned <= other.turned
             && self.least >= other.least
             && self.below[0] <= other.below[0]
             && self.below[1] <= other.below[1]

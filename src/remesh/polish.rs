@@ -94,6 +94,11 @@ impl Floor {
         }
     }
 
+    /// What of two meshes the better one has more of.
+    pub fn rating(&self) -> f64 {
+        self.least * self.p01
+    }
+
     /// The measures of a mesh that is no worse.
     pub fn raised(&self, mesh: &BoundedMesh, x: &[Point]) -> Option<Self> {
         let [least, p01] = lowest(mesh, x);

@@ -179,19 +179,18 @@ impl<'a> RelaxationSurface<'a> {
 
     /// Where a node is put back on the target: no farther than an edge from where it was, and where the normal has turned
     /// by an angle of a larger cosine than the given one, so not on the other side of a thin part.
-    pub fn put_back(&self, glider: &Glider, before: &[Point], x: &[Point], least_cosine: f64) -> Point {
-        let (from, to) = (before[glider.node], x[glider.node]);
+    pub fn put_back(&self, glider: &Glider, from: &Point, to: &Point, least_cosine: f64) -> Point {
         let step = to - from;
         let capped = from + step * (glider.edge / step.norm()).min(1.0);
         if glider.freedom == NodeFreedom::AlongCrease {
-            return self.closest_on_crease(&capped).map_or(from, |(point, _)| point);
+            return self.closest_on_crease(&capped).map_or(*from, |(point, _)| point);
         }
-        let [old, new] = [&from, &capped].map(|p| self.query.closest_point(p));
+        let [old, new] = [from, &capped].map(|p| self.query.closest_point(p));
         let [old, facing] = [old.triangle, new.triangle].map(|t| normal(self.target, t));
         if old.dot(&facing) > least_cosine {
             new.point
         } else {
-            from
+            *from
         }
     }
 }
@@ -469,9 +468,10 @@ impl Relaxation<'_> {
             if !value.energy.is_finite() {
                 break;
             }
-            gliders
-                .iter()
-                .for_each(|glider| own[glider.node] = self.surface.put_back(glider, &before, &own, 0.0));
+            for glider in &gliders {
+                let v = glider.node;
+                own[v] = self.surface.put_back(glider, &before[v], &own[v], 0.0);
+            }
             epsilon = next_epsilon(epsilon, value.least);
             let cells;
             [cells, crossings] = faults(&own);

@@ -220,14 +220,9 @@ impl Patch {
     }
 }
 
-/// With values of the kernel in single precision, unless two points are so close that they need double. In double
-/// precision with AVX-512: there single precision gives maps that differ in the last digits, with which the polish of one test's hexahedra
-/// (`remesh`, the bird) ends at a scaled Jacobian of 0.003. The fault is the polish's: this goes once it is mended.
+/// With values of the kernel in single precision, unless two points are so close that they need double.
 fn potential(points: &[Point], weights: &[[f64; 3]], at: &[Point]) -> Vec<[f64; 3]> {
-    let in_single = match direct::Instructions::detect().name() {
-        "avx512" => None,
-        _ => direct::potential_in_single(points, weights, at).expect("a weight for each row"),
-    };
+    let in_single = direct::potential_in_single(points, weights, at).expect("a weight for each row");
     in_single.unwrap_or_else(|| {
         let sources = direct::Sources::new(points, weights).expect("a weight for each row");
         direct::potential(&sources, at)

@@ -6,15 +6,13 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use serde::Serialize;
-use solidmap::Vector;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{Fit, FitOptions, FitReport};
 use solidmap::hexmesh::{Hexmesh, HexmeshOptions, HexmeshPhase, make_hexmesh};
 use solidmap::io;
-use solidmap::mesh::CellList;
 use solidmap::model_polycube::{Polycube, PolycubeKind};
 use solidmap::polycube::{PolycubeMap, PolycubeOptions};
-use solidmap::remesh::{CellSize, RemeshOptions, Remeshed, scaled_jacobians};
+use solidmap::remesh::{CellSize, RemeshOptions};
 
 use crate::CommandOutcome;
 use crate::args::HexmeshArgs;
@@ -168,28 +166,8 @@ fn is_close(mesh: &CarriedMeshReport, args: &HexmeshArgs) -> bool {
     mesh.remesh.farthest() <= args.max_distance
 }
 
-/// Relative change of the volume that is warned of, and the scaled Jacobian of hexahedra below which they are.
+/// Relative change of the volume that is warned of.
 const MOST_VOLUME_CHANGE: f64 = 0.1;
-const POOR: f64 = 0.1;
-
-/// Warns of hexahedra that are valid, but too distorted for many solvers.
-fn warn_of_poor_cells(remeshed: &Remeshed, output: &Output) {
-    let CellList::Hexes(hexes) = remeshed.mesh.cells() else {
-        return;
-    };
-    let scaled = scaled_jacobians(remeshed.mesh.cells(), &remeshed.images);
-    let poor = scaled.iter().enumerate().filter(|(_, s)| (0.0..POOR).contains(*s));
-    let count = poor.clone().count();
-    if let Some((cell, least)) = poor.min_by(|a, b| a.1.total_cmp(b.1)) {
-        let corners = hexes[cell].map(|v| remeshed.images[v as usize].coords);
-        let [x, y, z] = (corners.into_iter().sum::<Vector>() / 8.0).into();
-        output.warn(format!(
-            "{count} hexahedra have a scaled Jacobian below {POOR}, the least {} near ({x:.4}, {y:.4}, {z:.4}): valid, but poor. \
-             Another number of cells or --orient principal may help",
-            significant(*least, 2)
-        ));
-    }
-}
 
 /// The library's options, from the arguments.
 fn options(args: &HexmeshArgs) -> HexmeshOptions {
@@ -277,7 +255,10 @@ fn written(
             args.max_distance
         ));
     }
-    warn_of_poor_cells(&remeshed, output);
+    let hint = "Another number of cells or --orient principal may help";
+    if let Some(warning) = carried_mesh_report::poor_cells(&remeshed, hint) {
+        output.warn(warning);
+    }
     let change = mesh.remesh.volume / mesh.remesh.target_volume - 1.0;
     if change.abs() > MOST_VOLUME_CHANGE {
         output.warn(format!(

@@ -6,7 +6,7 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files::MapMetadata;
 use solidmap::io;
-use solidmap::remesh::{CellSize, RemeshOptions, RemeshSource, remesh};
+use solidmap::remesh::{CellSize, PolishOutcome, RemeshOptions, RemeshSource, Remeshed, remesh};
 
 use crate::CommandOutcome;
 use crate::args::RemeshArgs;
@@ -81,6 +81,9 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         !args.no_repair,
         output,
     );
+    if let Some(warning) = poor_cells(args, &remeshed) {
+        output.warn(warning);
+    }
     let ups = [args.up, args.target_up.or(args.up)];
     let picture = args
         .png
@@ -104,6 +107,19 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     }
     output.result(&report, || with_places(summary(&report), &report.carried.worst_places))?;
     Ok(CommandOutcome::from_check(report.carried.is_valid()))
+}
+
+/// A warning of poor hexahedra; `None` where cells are as they were mapped, because that was asked for.
+fn poor_cells(args: &RemeshArgs, remeshed: &Remeshed) -> Option<String> {
+    if args.no_repair {
+        return None;
+    }
+    let hint = match (&args.mesh, remeshed.report.repair.polish.outcome) {
+        (None, _) => "Another size of cells may help, or a boundary map that distorts less there",
+        (Some(_), PolishOutcome::NothingInverted) => "--polish may help",
+        (Some(_), _) => "Those of the given mesh are as poor there, or the boundary map distorts much",
+    };
+    carried_mesh_report::poor_cells(remeshed, hint)
 }
 
 /// The report as text.

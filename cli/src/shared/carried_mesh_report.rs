@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use serde::Serialize;
+use solidmap::Vector;
 use solidmap::fit::self_intersection_finder;
 use solidmap::memory::readable;
+use solidmap::mesh::CellList;
 use solidmap::remesh::{
     BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, PolishOutcome,
-    PolishReport, RemeshReport, Remeshed, RepairStart,
+    PolishReport, RemeshReport, Remeshed, RepairStart, scaled_jacobians,
 };
 use solidmap::worst_places::WorstPlace;
 
@@ -167,6 +169,27 @@ impl CarriedMeshReport {
             output.warn(warning);
         }
     }
+}
+
+/// The scaled Jacobian below which hexahedra are warned of: too distorted for many solvers.
+const POOR: f64 = 0.1;
+
+/// A warning of hexahedra that are valid, but poor, with what may help; `None` where there are none.
+pub fn poor_cells(remeshed: &Remeshed, hint: &str) -> Option<String> {
+    let CellList::Hexes(hexes) = remeshed.mesh.cells() else {
+        return None;
+    };
+    let scaled = scaled_jacobians(remeshed.mesh.cells(), &remeshed.images);
+    let poor = scaled.iter().enumerate().filter(|(_, s)| (0.0..POOR).contains(*s));
+    let count = poor.clone().count();
+    let (cell, least) = poor.min_by(|a, b| a.1.total_cmp(b.1))?;
+    let corners = hexes[cell].map(|v| remeshed.images[v as usize].coords);
+    let [x, y, z] = (corners.into_iter().sum::<Vector>() / 8.0).into();
+    Some(format!(
+        "{count} {} a scaled Jacobian below {POOR}, the least {} near ({x:.4}, {y:.4}, {z:.4}): valid, but poor. {hint}",
+        if count == 1 { "hexahedron has" } else { "hexahedra have" },
+        significant(*least, 2)
+    ))
 }
 
 /// The lines about the mesh.

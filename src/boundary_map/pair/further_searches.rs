@@ -5,8 +5,8 @@
 use super::isometry::{SMALL_DEFECT, is_off};
 use super::soft_targets::SoftTargetMaps;
 use super::{
-    BoundaryMap, Landmarks, NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairReport, PairStartKind,
-    PairTimings,
+    BoundaryMap, Landmarks, NearerIsometry, PairError, PairMapping, PairMaps, PairOptions, PairPhase, PairReport,
+    PairStartKind, PairTimings,
 };
 
 /// Most landmarks with which the map is sought without them, too: more say by themselves where the domain goes.
@@ -170,6 +170,7 @@ impl PairMapping<'_> {
             alternatives: 0,
             ..self.options.clone()
         };
+        self.report(PairPhase::Reversed)?;
         let back = PairMapping {
             domain: self.target,
             target: self.domain,

@@ -314,6 +314,9 @@ fn map_hyperbolic_surfaces<A: ProgressResponse>(
         control
     };
     let make = |options: &PairOptions, is_exchanged: bool| {
+        if is_exchanged && noting(PairPhase::Reversed) == ProgressControl::Cancel {
+            return Err(PairError::Cancelled);
+        }
         let surfaces = match is_exchanged {
             false => [&domain, &target],
             true => [&target, &domain],

@@ -22,6 +22,8 @@ pub enum PairPhase {
     Tori,
     /// The target, of genus 2 or more, is laid out on a hyperbolic surface.
     HyperbolicSurface,
+    /// A map is sought from the target to the domain: where what follows says one of them, it is the other.
+    Reversed,
     /// The next shell, of solids with several, is mapped: what follows is of this one.
     Shell {
         /// From 1 on.

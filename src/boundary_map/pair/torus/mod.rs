@@ -292,6 +292,9 @@ impl PairMapping<'_> {
 
     /// The candidates of a search, the best of them refined and compared again.
     fn searched(&self, search: &Search) -> Result<Vec<Candidate>, PairError> {
+        if search.is_reversed {
+            self.report(PairPhase::Reversed)?;
+        }
         self.report(PairPhase::CoarseEmbeddings {
             vertices: search.domain.coarse.inserted.len(),
             done: 0,
