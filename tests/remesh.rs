@@ -998,7 +998,8 @@ fn the_bird_has_no_bad_hexahedron_once_boundary_nodes_slide() {
     for size in [0.026, 0.027, 0.028, 0.029, 0.031, 0.032] {
         let report = run(&boundary, &fit.map, of_size(size)).report;
         assert_eq!(report.after.cells, [] as [u32; 0], "{size}");
-        assert!(report.quality.unwrap().min_scaled_jacobian > 0.3, "{size}: {report:?}");
+        let quality = report.quality.unwrap();
+        assert!(quality.min_scaled_jacobian > 0.3, "{size}: {quality:?}");
     }
     let hexes = || of_size(0.03);
     let free = run(&boundary, &fit.map, hexes());

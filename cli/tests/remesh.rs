@@ -190,6 +190,38 @@ fn a_mesh_in_which_nothing_is_inverted_is_polished_only_with_the_option_and_the_
 }
 
 #[test]
+fn poor_hexahedra_are_warned_of_with_what_helps() {
+    let place = cubes();
+    place.ends_with(0, "remesh cube.map --cells 4 --kind hex -o hexes.mesh");
+    let cubes = io::read_cells(place.path("hexes.mesh")).unwrap();
+    // The node in the middle gets near the plane of three neighbours: with t = 0.16 and edges of 0.5 one corner has the scaled Jacobian
+    // 0.25 (0.5 - 3t) / ((0.5 - t)^2 + 2t^2)^1.5 = 0.073, and its cell the centre (0.25 + t/8) (1, 1, 1).
+    let pushed = |p: &Point| {
+        if p.coords.norm() < 1e-6 {
+            Point::new(0.16, 0.16, 0.16)
+        } else {
+            *p
+        }
+    };
+    let nodes = cubes.nodes().iter().map(pushed).collect();
+    let poor = CellMesh::new(nodes, cubes.cells().clone(), cubes.regions().to_vec()).unwrap();
+    io::write_cell_mesh(place.path("poor.mesh"), &poor).unwrap();
+    let line = "remesh cube.map --mesh poor.mesh -o mesh.vtu";
+    for options in ["", " --polish 0"] {
+        let words = text(&place.ends_with(0, &format!("{line}{options}")).stderr);
+        let warning = "1 hexahedron has a scaled Jacobian below 0.1, the least 0.073 near (0.2700, 0.2700, 0.2700)";
+        assert!(
+            words.contains(warning) && words.contains("--polish 200 may help"),
+            "{words}"
+        );
+    }
+    for options in [" --polish 200", " --no-repair"] {
+        let words = text(&place.ends_with(0, &format!("{line}{options}")).stderr);
+        assert!(!words.contains("scaled Jacobian"), "{options}: {words}");
+    }
+}
+
+#[test]
 fn every_cell_that_stays_inverted_has_a_reason_in_words() {
     let place = cubes();
     // A side is drawn through the opposite one and a part of it back.

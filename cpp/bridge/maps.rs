@@ -189,7 +189,7 @@ pub fn on_pair_phase(watcher: &Watcher, phase: PairPhase) -> ControlFlow<()> {
         PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
         PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
         PairPhase::Tori => ("laying both solids out on tori", f64::NAN),
-        PairPhase::HyperbolicSurface => ("laying the target out on a hyperbolic surface", f64::NAN),
+        PairPhase::HyperbolicSurface => ("laying out on a hyperbolic surface", f64::NAN),
         PairPhase::Reversed => ("seeking a map from the target to the domain", f64::NAN),
         PairPhase::Shell { shell, of } => ("mapping the shells", share(shell - 1, of)),
         PairPhase::Aligning { done, of } => ("aligning", share(done, of)),

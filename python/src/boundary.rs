@@ -252,7 +252,7 @@ pub fn pair_step(phase: PairPhase) -> Step {
     match phase {
         PairPhase::Sphere(side, phase) => sphere_step(phase, &format!("mapping the {side} to the sphere: ")),
         PairPhase::Tori => step("laying both solids out on tori"),
-        PairPhase::HyperbolicSurface => step("laying the target out on a hyperbolic surface"),
+        PairPhase::HyperbolicSurface => step("laying out on a hyperbolic surface"),
         PairPhase::Reversed => step("seeking a map from the target to the domain"),
         PairPhase::Shell { shell, of } => part("mapping the shells", shell - 1, of),
         PairPhase::Aligning { done, of } => part("aligning", done, of),

@@ -37,10 +37,11 @@ const GAIN: f64 = 1e-5;
 /// cells have a weight of 1 each; vertices that are left at that distance from the boundary add the second.
 const STIFFNESS: f64 = 1.0;
 const FIT: f64 = 100.0;
-/// Further attempts are made where the first takes the boundary away from the target or leaves a scaled Jacobian below this.
-const GOOD_ENOUGH: f64 = 0.3;
+/// Stiffness of the pulls in further attempts, which are made where the boundary gets farther from the target or a scaled Jacobian stays
+/// below this.
 const STIFF: f64 = 3.0 * FIT;
 const STIFFEST: f64 = 10.0 * FIT;
+const GOOD_ENOUGH: f64 = 0.3;
 /// Passes over patches: the scaled Jacobian below which cells get one, as long as there are any, and how often all passes
 /// are made.
 const BOUNDS: [f64; 5] = [0.1, 0.2, 0.3, 0.45, 0.6];
@@ -54,8 +55,8 @@ const MARGIN: f64 = 0.1;
 const PENALTY: f64 = 1000.0;
 /// The springs of a patch are soft, since it is small.
 const PATCH_STIFFNESS: f64 = 0.01;
-/// Largest number of rounds of a patch. It ends after so many in a row that leave more than this of its shortfall: where the target is
-/// curved, nodes that are put back on it may make a round worse, and the next one better.
+/// Largest number of rounds of a patch, and of those in a row that it bears although they leave more than this of its shortfall: where the
+/// target is curved, nodes that are put back on it may make a round worse, and the next one better.
 const PATCH_ROUNDS: usize = 9;
 const MAX_STALLED: usize = 2;
 const MAX_SHORTFALL_RATIO: f64 = 0.98;
@@ -239,18 +240,28 @@ impl<'a> HexPolish<'a> {
             None => &FIXED,
         };
         let mut best: Option<(Floor, Vec<Point>)> = None;
+        // All cells improved, the stiffness of the pulls, and the iterations that it took.
+        let mut improved: Option<(Vec<Point>, f64, usize)> = None;
         for attempt in attempts {
             if !self.monitor.should_continue() || (best.is_some() && !attempt.all) {
                 break;
             }
-            let mut moved = x.to_vec();
-            let mut iterations = if attempt.all {
-                self.improve_all(&mut moved, attempt.fit)
-            } else {
-                0
+            let (mut moved, of_all) = match improved.take_if(|(_, fit, _)| attempt.all && *fit == attempt.fit) {
+                Some((moved, _, made)) => (moved, made),
+                None => {
+                    let mut moved = x.to_vec();
+                    let made = if attempt.all {
+                        self.improve_all(&mut moved, attempt.fit)
+                    } else {
+                        0
+                    };
+                    report.iterations += made;
+                    improved = Some((moved.clone(), attempt.fit, made));
+                    (moved, made)
+                }
             };
-            iterations += self.raise_lowest(&mut moved, attempt);
-            report.iterations += iterations;
+            let of_lowest = self.raise_lowest(&mut moved, attempt);
+            report.iterations += of_lowest;
             let is_sound = match (boundary, self.boundary(&moved)) {
                 (Some(before), Some(found)) => found.is_no_worse_than(&before, self.edge),
                 (None, _) => true,
@@ -261,7 +272,7 @@ impl<'a> HexPolish<'a> {
                 continue;
             };
             if best.as_ref().is_none_or(|(best, _)| found.rating() > best.rating()) {
-                report.kept_iterations = iterations;
+                report.kept_iterations = of_all + of_lowest;
                 best = Some((found, moved));
             }
             // A boundary that is fixed is as close as it was.
@@ -401,7 +412,7 @@ impl<'a> HexPolish<'a> {
         };
         let invalid = invalid_cells(&mesh.cells, own).cells;
         let (mut total, mut stalled) = (0, 0);
-        // Those that are not the target's where nodes are.
+        // Of the planes that boundary nodes move in, where these are not the target's where the nodes are.
         let mut normals: Vec<Option<Vector>> = vec![None; gliders.len()];
         for _ in 0..improvement.rounds {
             if !self.monitor.should_continue() {

@@ -115,9 +115,9 @@ fn poor_cells(args: &RemeshArgs, remeshed: &Remeshed) -> Option<String> {
         return None;
     }
     let hint = match (&args.mesh, remeshed.report.repair.polish.outcome) {
+        (_, PolishOutcome::NotAsked | PolishOutcome::NothingInverted) => "--polish 200 may help",
         (None, _) => "Another size of cells may help, or a boundary map that distorts less there",
-        (Some(_), PolishOutcome::NothingInverted) => "--polish may help",
-        (Some(_), _) => "Those of the given mesh are as poor there, or the boundary map distorts much",
+        (Some(_), _) => "Other cells there may help, or a boundary map that distorts less",
     };
     carried_mesh_report::poor_cells(remeshed, hint)
 }

@@ -312,10 +312,8 @@ pub fn show_phase(phase: PairPhase, output: &Output) {
             output.progress_of(phase, iterations, most_iterations);
         }
         PairPhase::Tori => output.progress("laying both solids out on tori"),
-        PairPhase::HyperbolicSurface => output.progress("laying the target out on a hyperbolic surface"),
-        PairPhase::Reversed => {
-            output.progress("seeking a map from the target to the domain, too: the two are exchanged from here on")
-        }
+        PairPhase::HyperbolicSurface => output.progress("laying out on a hyperbolic surface"),
+        PairPhase::Reversed => output.progress("seeking a map from the target to the domain, too"),
         PairPhase::Shell { shell, of } => output.progress(format!("shell {shell} of {of}")),
         PairPhase::Intrinsic { done, of } => output.progress_of("intrinsic shapes", done, of),
         PairPhase::Aligning { of: 0, .. } => output.progress("aligning"),

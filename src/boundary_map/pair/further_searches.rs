@@ -174,6 +174,7 @@ impl PairMapping<'_> {
         let back = PairMapping {
             domain: self.target,
             target: self.domain,
+            is_reversed: true,
             options: &options,
             shapes: shapes.as_ref(),
             ..*self

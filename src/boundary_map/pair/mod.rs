@@ -213,6 +213,7 @@ impl<'a> Given<'a> {
             work(PairMapping {
                 domain: self.surfaces[0],
                 target: self.surfaces[1],
+                is_reversed: false,
                 landmarks: self.landmarks,
                 curves: self.curves,
                 loops: self.loops,
@@ -341,6 +342,8 @@ pub struct PairMaps {
 struct PairMapping<'a> {
     domain: &'a SurfaceMesh,
     target: &'a SurfaceMesh,
+    /// Whether these are the pair's target and domain: the map is sought the other way.
+    is_reversed: bool,
     landmarks: &'a Landmarks,
     /// Vertices along landmark curves or loops, with their places on the target.
     curves: &'a [curves::CurvePoint],

@@ -20,9 +20,9 @@ pub enum PairPhase {
     Sphere(&'static str, SpherePhase),
     /// Both solids, of genus 1, are laid out on flat tori.
     Tori,
-    /// The target, of genus 2 or more, is laid out on a hyperbolic surface.
+    /// The target, of genus 2 or more, is laid out on a hyperbolic surface; the domain where a map is sought the other way.
     HyperbolicSurface,
-    /// A map is sought from the target to the domain: where what follows says one of them, it is the other.
+    /// A map is sought from the target to the domain, too.
     Reversed,
     /// The next shell, of solids with several, is mapped: what follows is of this one.
     Shell {

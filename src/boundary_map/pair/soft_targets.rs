@@ -236,7 +236,10 @@ impl PairMapping<'_> {
         let given = from.and_then(BoundaryMap::target_embedding);
         match given.filter(|given| given.surface() == self.target) {
             Some(given) => Ok(given.clone()),
-            None => self.sphere("target", self.target, SphereEnergy::Balanced),
+            None => {
+                let side = if self.is_reversed { "domain" } else { "target" };
+                self.sphere(side, self.target, SphereEnergy::Balanced)
+            }
         }
     }
 
